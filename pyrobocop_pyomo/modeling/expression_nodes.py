@@ -8,9 +8,9 @@ between them is a table from the name of a function to what it does: ``"sin"``, 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+import operator
+from collections.abc import Callable
 from functools import cache, reduce
-from operator import add, mul
 from typing import Any
 
 import numpy as np
@@ -44,6 +44,16 @@ NUMPY_NAMES = {
     "cosh": "cosh", "tanh": "tanh", "asinh": "arcsinh", "acosh": "arccosh", "atanh": "arctanh", "exp": "exp",
     "log": "log", "log10": "log10", "sqrt": "sqrt", "ceil": "ceil", "floor": "floor", "abs": "absolute",
 }  # fmt: skip
+
+
+# What arithmetic means for every kind of number.
+ARITHMETIC: dict[int, Callable[..., Any]] = {
+    PRODUCT: operator.mul,
+    DIVISION: operator.truediv,
+    NEGATION: operator.neg,
+    POWER: operator.pow,
+    SUMMATION: lambda *terms: reduce(operator.add, terms) if terms else 0.0,
+}
 
 
 def comparisons(both: Callable[[Any, Any], Any]) -> dict[str, Callable[..., Any]]:
@@ -94,17 +104,3 @@ def comparison_name(node: Any) -> str:
         return "=="
     strict = node.strict if isinstance(node.strict, tuple) else (node.strict,)
     return "".join("<" if is_strict else "<=" for is_strict in strict)
-
-
-def apply_operator(kind: int, arguments: Sequence[Any], functions: Mapping[str, Callable[..., Any]]) -> Any:
-    """Value of an operator that its kind describes: arithmetic, or a choice."""
-    if kind == SUMMATION:
-        return reduce(add, arguments)
-    if kind == PRODUCT:
-        return reduce(mul, arguments)
-    if kind == NEGATION:
-        return -arguments[0]
-    if kind == CHOICE:
-        return functions["choose"](*arguments)
-    first, last = arguments
-    return first / last if kind == DIVISION else first**last

@@ -1,12 +1,8 @@
-"""Expressions as a list of steps: read once from Pyomo's nodes, and evaluated over any kind of number.
-
-A walk over an expression takes a microsecond for each node; a line of Python takes a twentieth of that.
-"""
+"""Expressions as a list of steps: read once from Pyomo's nodes, and evaluated over any kind of number."""
 
 from __future__ import annotations
 
 import copy
-import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -14,27 +10,21 @@ from typing import Any, NamedTuple
 from pyomo.core.expr.numvalue import value
 
 from .expression_nodes import (
+    ARITHMETIC,
     CALL,
     CHOICE,
     CONSTANT,
-    DIVISION,
     FLOAT_FUNCTIONS,
     FUNCTION,
     LEAF,
     NAMED,
-    NEGATION,
-    POWER,
-    PRODUCT,
     RELATION,
-    SUMMATION,
     UNKNOWN,
     comparison_name,
     kind_of_node,
 )
 from .functions import is_function_call
 from .shared_nodes import NodesOnce
-
-_SIGNS = {PRODUCT: " * ", DIVISION: " / ", POWER: " ** ", SUMMATION: " + "}
 
 
 def _refused(node: Any, reason: str) -> Exception:
@@ -122,7 +112,6 @@ class ExpressionSteps:
         self.steps: list[ExpressionStep] = []
         self.nodes: list[Any] = []
         self._refuse = refuse
-        self._functions: dict[int, tuple[Any, Callable[..., list[Any]]]] = {}
         walk = _Walk(self, leaf_of or _variable_or_parameter)
         self.outputs = [walk.place_of(expression) for expression in expressions]
 
@@ -132,7 +121,7 @@ class ExpressionSteps:
         return twin
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "nodes": [], "_functions": {}}
+        return {**self.__dict__, "nodes": []}
 
     def evaluate(
         self, value_of: Callable[[Any], Any], functions: Mapping[str, Callable[..., Any]] = FLOAT_FUNCTIONS
@@ -151,14 +140,24 @@ class ExpressionSteps:
         UnknownFunction
             For a function that is not among them.
         """
-        read = [value_of(leaf) if is_read else None for leaf, is_read in zip(self.leaves, self._reads, strict=True)]
-        return self.function(functions)(read)
+        values = self._constants.copy()
+        for place, (kind, what, arguments) in self._needed_steps:
+            if kind == LEAF:
+                values[place] = value_of(self.leaves[what])
+            elif what is None:
+                values[place] = ARITHMETIC[kind](*[values[of] for of in arguments])
+            elif (function := functions.get("call" if kind == CALL else what)) is None:
+                raise UnknownFunction("call" if kind == CALL else what)
+            else:
+                given = (values[of] for of in arguments)
+                values[place] = function(what, *given) if kind == CALL else function(*given)
+        return [values[place] for place in self.outputs]
 
     def part(self, places: Sequence[int]) -> ExpressionSteps:
         """The same steps with others as the results."""
         twin = copy.copy(self)
         twin.outputs = list(places)
-        for known in ("needed", "_reads"):
+        for known in ("needed", "_needed_steps"):
             twin.__dict__.pop(known, None)
         return twin
 
@@ -182,20 +181,15 @@ class ExpressionSteps:
             raise self._refuse(leaf.node, "has no value")
         return float(number)
 
-    def function(self, functions: Mapping[str, Callable[..., Any]]) -> Callable[[Sequence[Any]], list[Any]]:
-        """The same as a function of the values of `leaves`, in their order."""
-        if id(functions) not in self._functions:
-            self._functions[id(functions)] = functions, self._compiled(functions)
-        return self._functions[id(functions)][1]
+    @cached_property
+    def _constants(self) -> list[Any]:
+        """For each step its number, if it is one."""
+        return [step.what if step.kind == CONSTANT else None for step in self.steps]
 
     @cached_property
-    def _reads(self) -> list[bool]:
-        """For each leaf, whether an output depends on it."""
-        found = [False] * len(self.leaves)
-        for step, is_needed in zip(self.steps, self.needed, strict=True):
-            if step.kind == LEAF:
-                found[step.what] = is_needed
-        return found
+    def _needed_steps(self) -> list[tuple[int, ExpressionStep]]:
+        steps = ((place, step) for place, step in enumerate(self.steps) if step.kind != CONSTANT)
+        return [(place, step) for place, step in steps if self.needed[place]]
 
     @cached_property
     def needed(self) -> list[bool]:
@@ -215,41 +209,6 @@ class ExpressionSteps:
             own = step.kind == LEAF and leaves(self.leaves[step.what])
             found.append(own or any(found[place] for place in step.arguments))
         return found
-
-    def _compiled(self, functions: Mapping[str, Callable[..., Any]]) -> Callable[..., list[Any]]:
-        known: dict[str, Any] = {}
-        names: list[str] = []
-        lines = ["def evaluate(leaves):"]
-        for place, (step, is_needed) in enumerate(zip(self.steps, self.needed, strict=True)):
-            if not is_needed:
-                names.append("")
-                continue
-            if step.kind == CONSTANT:
-                names.append(_number(step.what, known))
-                continue
-            lines.append(f"v{place} = {self._formula(place, [names[of] for of in step.arguments], functions, known)}")
-            names.append(f"v{place}")
-        lines.append(f"return [{', '.join(names[place] for place in self.outputs)}]")
-        exec(compile("\n    ".join(lines), "<expressions>", "exec"), known)  # made of the names here alone
-        return known["evaluate"]
-
-    def _formula(
-        self, place: int, arguments: list[str], functions: Mapping[str, Callable[..., Any]], known: dict[str, Any]
-    ) -> str:
-        """The right-hand side of a step's line."""
-        kind, what, _ = self.steps[place]
-        if kind == LEAF:
-            return f"leaves[{what}]"
-        if kind in _SIGNS:
-            return _SIGNS[kind].join(arguments) or "0.0"
-        if kind == NEGATION:
-            return f"-{arguments[0]}"
-        name = "call" if kind == CALL else what
-        if name not in functions:
-            raise UnknownFunction(name)
-        if kind == CALL:
-            arguments = [_constant(what, known), *arguments]
-        return f"{_constant(functions[name], known)}({', '.join(arguments)})"
 
 
 class _Walk(NodesOnce):
@@ -287,7 +246,8 @@ class _Walk(NodesOnce):
             return int(found[0])
         key = (found.__class__, found)
         if key not in self._places:
-            self._places[key] = self._add(found, ExpressionStep(CONSTANT, found))
+            number = found if found.__class__ is int else float(found)
+            self._places[key] = self._add(found, ExpressionStep(CONSTANT, number))
         return self._places[key][0]
 
     def _add(self, node: Any, step: ExpressionStep) -> tuple[int]:
@@ -308,17 +268,3 @@ def _what(kind: int, node: Any) -> Any:
 
 def _variable_or_parameter(node: Any) -> Leaf | None:
     return Leaf(node) if kind_of_node(node.__class__) == LEAF else None
-
-
-def _number(number: Any, known: dict[str, Any]) -> str:
-    if number.__class__ is int:
-        return f"({number})"
-    number = float(number)
-    return f"({number!r})" if math.isfinite(number) else _constant(number, known)
-
-
-def _constant(held: Any, known: dict[str, Any]) -> str:
-    """Name of a function or of another object in the lines."""
-    name = f"c{id(held)}"
-    known[name] = held  # which also keeps its id
-    return name

@@ -29,6 +29,7 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_nodes import (
+    ARITHMETIC,
     CALL,
     CHOICE,
     CONSTANT,
@@ -42,7 +43,6 @@ from pyrobocop_pyomo.modeling.expression_nodes import (
     PRODUCT,
     SUMMATION,
     UNKNOWN,
-    apply_operator,
     comparison_name,
     kind_of_node,
 )
@@ -147,8 +147,12 @@ def _operation(
     if symbol >= SCALED_SUM:
         scales = list(islice(upcoming, symbol - SCALED_SUM))
         return len(scales), lambda arguments: reduce(add, map(mul, scales, arguments))
-    kind = PRODUCT if symbol >= FACTORS else SUMMATION if symbol >= SUM else symbol
-    return _ARGUMENTS.get(symbol, symbol % _SIZE), lambda arguments: apply_operator(kind, arguments, functions)
+    if symbol == CHOICE:
+        return _ARGUMENTS[symbol], lambda arguments: functions["choose"](*arguments)
+    if symbol >= FACTORS:
+        return symbol % _SIZE, lambda arguments: reduce(mul, arguments)
+    kind = SUMMATION if symbol >= SUM else symbol
+    return _ARGUMENTS.get(symbol, symbol % _SIZE), lambda arguments: ARITHMETIC[kind](*arguments)
 
 
 class TermGroup:

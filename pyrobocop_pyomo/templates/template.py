@@ -36,7 +36,6 @@ from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_arrays import ArrayEntry, array, plain_entry
 from pyrobocop_pyomo.modeling.expression_nodes import (
     CALL,
-    FLOAT_FUNCTIONS,
     LEAF,
     NAMED,
     NUMPY_NAMES,
@@ -506,9 +505,9 @@ def _same_values(first: Any, second: Any) -> bool:
     """Whether two expressions have the same value whatever their variables are, as far as two trials tell."""
     steps = ExpressionSteps([first, second])
     for trial in (0.31, 0.73):
-        numbers = [trial + 0.61803 * (i + 1) % 1.0 for i in range(len(steps.leaves))]
+        numbers = {leaf: trial + 0.61803 * (i + 1) % 1.0 for i, leaf in enumerate(steps.leaves)}
         try:
-            one, other = steps.function(FLOAT_FUNCTIONS)(numbers)
+            one, other = steps.evaluate(numbers.__getitem__)
         except (ArithmeticError, ValueError):
             return False
         if not abs(one - other) <= 1e-12 * (1.0 + abs(other)):
