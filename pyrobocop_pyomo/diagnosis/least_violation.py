@@ -143,7 +143,7 @@ class ViolatedRows(LinearisedRows):
     total : float
         Weighted violation of all rows, in sum.
     is_finite : bool
-        Whether all rows have a value and derivatives.
+        Whether all rows have a value and derivatives, and none is too large to tell violations from rounding.
     """
 
     def __init__(self, rows: Sequence[StatedRow], weights: Array | None = None) -> None:
@@ -155,9 +155,10 @@ class ViolatedRows(LinearisedRows):
         values = np.array([number_or_nan(row.body) for row in rows])
         jacobian = self.jacobian
         jacobian.data[np.isnan(jacobian.data) & fixed[jacobian.indices]] = 0.0
-        self.is_finite = bool(np.isfinite(values).all() and np.isfinite(jacobian.data).all())
-        # From the value of each down to its lower and up to its upper bound.
         here = np.concatenate([values, self._x])
+        # Beside larger numbers rounding would be taken for a violation.
+        self.is_finite = bool(np.isfinite(jacobian.data).all() and (np.spacing(np.abs(here)) <= MET).all())
+        # From the value of each down to its lower and up to its upper bound.
         self._to_lower = np.where(np.isnan(lower), -np.inf, lower) - here
         self._to_upper = np.where(np.isnan(upper), np.inf, upper) - here
         m, n = jacobian.shape

@@ -1,4 +1,4 @@
-"""Numbers at the initial guess: what has no value, ends that contradict equations, decided rows; and a way out."""
+"""Numbers at the initial guess: what has no value, ends that contradict equations, decided rows."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from pyrobocop_pyomo.complementarity.relaxed_model import SIDES_HOLD
 from pyrobocop_pyomo.continuous.discretisation import discretisations_on
 from pyrobocop_pyomo.modeling.row_violations import bound_violation, number_or_nan, relation_violation
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
-from pyrobocop_pyomo.modeling.undefined_values import UndefinedPart, moved_into_domain, undefined_part
+from pyrobocop_pyomo.modeling.undefined_values import UndefinedPart, undefined_part
 from pyrobocop_pyomo.numerics.rounding import MET
 from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.phases.boundary_conditions import KINDS, EndViolation, end_violations, values_given, violations_of
@@ -31,8 +31,6 @@ from pyrobocop_pyomo.phases.structure import sides_of
 from .findings import Finding, error_about
 from .places import at_time, place_in_words
 
-# So often are all expressions gone through, until each has a value.
-_SWEEPS = 10
 REMEDY = "Change the initial guess or the data, or keep the expression away from its edge by bounds."
 
 
@@ -80,27 +78,6 @@ def named_undefined_rows(model: Any) -> str:
     """The first undefined row, in words, and whether there are more; empty where there is none."""
     found = list(islice(undefined_rows(model), 2))
     return f"{found[0]}{'; and elsewhere' if found[1:] else ''}" if found else ""
-
-
-def move_into_domain(model: Any) -> list[UndefinedRow]:
-    """Move variables, as little as it takes, until all rows and objectives have values.
-
-    Parameters
-    ----------
-    model : Block
-        Its free variables get other values.
-
-    Returns
-    -------
-    list of UndefinedRow
-        What could not be given a value.
-    """
-    for _ in range(_SWEEPS):
-        # One after the other: what is moved for one row may have moved the next one too.
-        moved = [moved_into_domain(row.part) for row in undefined_rows(model)]
-        if not moved or not any(moved):
-            break
-    return list(undefined_rows(model)) if moved else []
 
 
 def _expressions(model: Any) -> Iterator[tuple[str, str, Any]]:

@@ -11,7 +11,7 @@ import numpy as np
 from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.diagnosis.diagnose import is_renamed
-from pyrobocop_pyomo.diagnosis.values import move_into_domain, named_undefined_rows
+from pyrobocop_pyomo.diagnosis.values import named_undefined_rows
 from pyrobocop_pyomo.errors import ModelError, PyRobocopError
 from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
 from pyrobocop_pyomo.modeling.variable_values import VariableValues, within_bounds
@@ -106,8 +106,8 @@ def _initial_guess(variable: Any) -> float:
 def defined_start(model: Any) -> str:
     """Where an expression has no value at the values on the model, put others there at which all have one.
 
-    States for which no initial guess was given go on straight lines between their ends; then variables move as little
-    as it takes.
+    States for which no initial guess was given go on straight lines between their ends; then values are drawn, farther
+    from the guess each time.
 
     Parameters
     ----------
@@ -123,15 +123,20 @@ def defined_start(model: Any) -> str:
         return ""
     before = VariableValues.of_free(model)
     _give_values(model)
-    how = []
-    if _put_on_straight_lines(model, keep_guesses=True):
-        how.append("states without an initial guess on straight lines between their ends")
-    if named_undefined_rows(model):
-        how.append("variables moved to where all expressions have values")
-        if move_into_domain(model):
-            before.restore()
-            return ""
-    return f"The initial guess could not be evaluated: {undefined}. Started instead with {' and '.join(how)}."
+    _put_on_straight_lines(model, keep_guesses=True)
+    on_lines = VariableValues.of_free(model)
+    for draw, spread in enumerate((0.0, 1e-3, 1e-2, 0.1, 0.3, 1.0)):
+        on_lines.restore()
+        if spread:
+            RandomStarts(model, 0, {None: spread}).put(draw)
+        if not named_undefined_rows(model):
+            drawn = f", and random values within {spread:.3g} of their sizes or bounds around these" if draw else ""
+            return (
+                f"The initial guess could not be evaluated: {undefined}. Started instead with states without an "
+                f"initial guess on straight lines between their ends{drawn}."
+            )
+    before.restore()
+    return ""
 
 
 def put_start(model: Any, strategy: Strategy) -> bool:

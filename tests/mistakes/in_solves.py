@@ -55,7 +55,7 @@ def a_root_of_a_negative_number(b: Any, followed: bool) -> None:
     b.model().effort = pyo.Objective(expr=b.integral(effort))
 
 
-@fails("log(...) of p.x[", "'v' of phase 'p' at t = ", "Bounds that keep it away")
+@fails("log(...) of p.x[", "'v' of phase 'p' at t = ", "by bounds")
 def a_logarithm_that_the_start_rules_out(b: Any, followed: bool) -> None:
     b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] - 0.1 * pyo.log(b.x[t] + (0.5 if followed else -0.5))})
     b.model().effort = pyo.Objective(expr=b.integral(effort))

@@ -22,7 +22,7 @@ from pyrobocop_pyomo.modeling.shared_nodes import (
     variables_in,
     variables_in_any,
 )
-from pyrobocop_pyomo.modeling.undefined_values import moved_into_domain, undefined_part
+from pyrobocop_pyomo.modeling.undefined_values import undefined_part
 
 
 def model(x=1.0, y=2.0):
@@ -201,7 +201,7 @@ def test_all_values_lie_within(name: str) -> None:
 
 
 # --------------------------------------------------------------------
-# What has no value is named with its numbers, and can be moved to where it has one.
+# What has no value is named with its numbers.
 
 
 def with_values(**values: float) -> pyo.ConcreteModel:
@@ -227,29 +227,13 @@ UNDEFINED = {
 
 
 @pytest.mark.parametrize("words", UNDEFINED)
-def test_the_undefined_part_is_named_and_can_be_left(words: str) -> None:
+def test_the_undefined_part_is_named(words: str) -> None:
     expression, number = UNDEFINED[words]
     m = with_values(x=number, y=1.0)
     body = expression(m)
     part = undefined_part(body)
     assert part is not None
     assert part.what == words
-    assert moved_into_domain(part)
-    assert math.isfinite(pyo.value(body))
-    assert undefined_part(body) is None
-
-
-@given(x=st.floats(-3, 3), y=st.floats(-3, 3))
-def test_an_argument_moves_into_a_disc_and_no_further_than_needed(x: float, y: float) -> None:
-    m = with_values(x=x, y=y)
-    body = pyo.sqrt(1 - m.x**2 - m.y**2)
-    part = undefined_part(body)
-    if x**2 + y**2 < 0.99:
-        assert part is None
-    elif x**2 + y**2 > 1.01:
-        assert part is not None
-        assert moved_into_domain(part)
-        assert 0.9 <= math.hypot(m.x.value, m.y.value) < 1.0
 
 
 def test_where_everything_has_a_value_nothing_is_found() -> None:
@@ -261,13 +245,3 @@ def test_where_everything_has_a_value_nothing_is_found() -> None:
 def test_the_side_that_a_condition_leaves_out_needs_no_value() -> None:
     m = with_values(x=-0.5, y=2.0)
     assert undefined_part(pyo.Expr_if(m.x > 0, pyo.log(m.x), m.y)) is None
-
-
-def test_bounds_of_variables_are_kept() -> None:
-    m = with_values(x=0.0, y=0.0)
-    m.x.setub(0.05)
-    part = undefined_part(pyo.log(m.x + m.y))
-    assert part is not None
-    assert moved_into_domain(part)
-    assert m.x.value <= 0.05
-    assert m.x.value + m.y.value > 0.0
