@@ -88,6 +88,17 @@ def _flat(given: Any, dimensions: int) -> list[Any]:
     return entries
 
 
+def _on_each_member(name: str, meaning: str) -> Any:
+    """A method that calls that of each member."""
+
+    def apply(self: VariableFamily, *arguments: Any, **options: Any) -> None:
+        for member in self.members:
+            getattr(member, name)(*arguments, **options)
+
+    apply.__name__, apply.__doc__ = name, meaning
+    return apply
+
+
 class VariableFamily(NDArrayOperatorsMixin):
     """Members of a family as a rule reads them.
 
@@ -220,35 +231,12 @@ class VariableFamily(NDArrayOperatorsMixin):
 
     # ---------------------------------------------------------------- all variables alike
 
-    def fix(self, *value: Any) -> None:
-        """Fix every variable, at its own value or at one for all."""
-        for variable in self.values():
-            variable.fix(*value)
-
-    def unfix(self) -> None:
-        """Let every variable move again."""
-        for variable in self.values():
-            variable.unfix()
-
-    def setlb(self, bound: Any) -> None:
-        """Set the lower bound of every variable."""
-        for variable in self.values():
-            variable.setlb(bound)
-
-    def setub(self, bound: Any) -> None:
-        """Set the upper bound of every variable."""
-        for variable in self.values():
-            variable.setub(bound)
-
-    def pprint(self, *arguments: Any, **options: Any) -> None:
-        """Show every component, as Pyomo does."""
-        for member in self.members:
-            member.pprint(*arguments, **options)
-
-    def display(self, *arguments: Any, **options: Any) -> None:
-        """Show the values of every component, as Pyomo does."""
-        for member in self.members:
-            member.display(*arguments, **options)
+    fix = _on_each_member("fix", "Fix every variable, at its own value or at one for all.")
+    unfix = _on_each_member("unfix", "Let every variable move again.")
+    setlb = _on_each_member("setlb", "Set the lower bound of every variable.")
+    setub = _on_each_member("setub", "Set the upper bound of every variable.")
+    pprint = _on_each_member("pprint", "Show every component, as Pyomo does.")
+    display = _on_each_member("display", "Show the values of every component, as Pyomo does.")
 
     # ---------------------------------------------------------------- as a collection, and as an array
 
