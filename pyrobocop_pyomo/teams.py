@@ -12,18 +12,18 @@ from pyrobocop_pyomo.distributed.sova import Sova
 from pyrobocop_pyomo.distributed.team_horizon import TeamHorizon
 from pyrobocop_pyomo.distributed.team_result import TeamResult
 from pyrobocop_pyomo.errors import removed_names
-from pyrobocop_pyomo.execution.dask_engine import DaskEngine
 from pyrobocop_pyomo.execution.engine import Engine
-from pyrobocop_pyomo.execution.engines import SerialEngine
+from pyrobocop_pyomo.execution.executor_engine import ExecutorEngine
 from pyrobocop_pyomo.execution.mpi_engine import MpiEngine
 from pyrobocop_pyomo.execution.process_engine import ProcessEngine
+from pyrobocop_pyomo.execution.serial_engine import SerialEngine
 
 __all__ = [
     "BarrierPath",
     "Checkpoint",
     "Closing",
-    "DaskEngine",
     "Engine",
+    "ExecutorEngine",
     "Hub",
     "MpiEngine",
     "ProcessEngine",

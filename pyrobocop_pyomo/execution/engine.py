@@ -1,25 +1,35 @@
-"""`Engine`: where agents of a team and solvers of a study live, and how they come back when a worker dies."""
+"""`Engine`: where agents of a team and solvers of a study live, and what happens when a worker dies."""
 
 from __future__ import annotations
 
 import logging
+import os
+import pickle
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from pyrobocop_pyomo.errors import EngineError, PyRobocopError
+from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.failures import undone_on_failure
 
-from .worker_host import Answer, HostedSpec, Lost, Request, WorkerHost, packed
+from .worker_host import Answer, HostedSpec, Request, packed
 
 _LOGGER = logging.getLogger(__name__)
 
-Exchange = tuple[dict[str, Answer], dict[str, Lost]]
 State = Mapping[str, np.ndarray]
+
+
+def available_cores() -> int:
+    """Cores that this process may use: fewer than the machine has where somebody has restricted it."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 @dataclass(frozen=True)
@@ -46,23 +56,24 @@ class AgentFailure:
 class Engine(ABC):
     """Where the agents of a team live: the same orders give the same reports on every engine.
 
-    Tasks of a study are done there too: then the agents are solvers that differ in nothing but their names
-    (`run_tasks`).
+    Tasks of a study are done there too (`run_tasks`).
 
-    An agent is built where it is solved, and stays there; only orders, reports and states travel. Use an engine as a
-    context, or call `stop`: no process outlives it.
+    An engine has places, of which each does one request after the other. Agents are dealt out to them in turn. A
+    request brings along all that it takes to answer it: by what its agent is built, and the state that it is in. So an
+    agent is built where it is solved, and stays there as long as its worker lives. Use an engine as a context, or call
+    `stop`: no process that it has started outlives it.
 
-    **Death of a worker.** The state of an agent comes along with each of its reports. When its worker dies, it is built
-    again elsewhere, put into the last state, and asked again what it had not answered. Its solves are deterministic, so
-    it goes on as if nothing had happened, bit by bit. Agents whose workers die more than `deaths_allowed` times are
-    given up: each later report of theirs is an `AgentFailure`.
+    **Death of a worker.** The state of an agent comes along with each of its reports. When its worker dies, what it
+    had not answered is requested again, elsewhere, in the last state. Its solves are deterministic, so it goes on as if
+    nothing had happened, bit by bit. Agents whose workers die more than `deaths_allowed` times are given up: each later
+    report of theirs is an `AgentFailure`.
 
     Parameters
     ----------
+    workers : int, optional
+        How many agents can solve side by side. By default one for each agent, but no more than there are processors.
     deaths_allowed : int
         How often the worker of an agent may die, and of one task of a study.
-    answer_within : float
-        Seconds without an answer of anybody after which the workers that still owe one count as dead.
 
     Attributes
     ----------
@@ -71,6 +82,8 @@ class Engine(ABC):
         How often the worker of each agent died, while the agent was at work.
     writes_files : bool
         Whether this process is the one of its team that writes files. It is, except on all but one rank of MPI.
+    answer_within : float or None
+        Seconds without an answer of any agent after which the workers that owe one are ended with `kill`.
 
     Raises
     ------
@@ -80,58 +93,60 @@ class Engine(ABC):
 
     name: str
     writes_files = True
-    _keeps_states = True
+    answer_within: float | None = None
+    _in_this_process = False  # where specs need not be sent, and no state is ever needed again
 
-    def __init__(self, *, deaths_allowed: int = 2, answer_within: float = 600.0) -> None:
+    def __init__(self, workers: int | None = None, *, deaths_allowed: int = 2) -> None:
+        if workers is not None and workers < 1:
+            raise EngineError(f"engine '{self.name}': workers = {workers!r}; expected at least 1.")
         if deaths_allowed < 0:
             raise EngineError(f"engine '{self.name}': deaths_allowed = {deaths_allowed!r}; expected 0 or more.")
-        if not answer_within > 0:
-            raise EngineError(f"engine '{self.name}': answer_within = {answer_within!r}; expected a positive number.")
-        self.answer_within, self.deaths_allowed = answer_within, deaths_allowed
+        self.workers, self.deaths_allowed = workers, deaths_allowed
         self._forget()
 
     def _forget(self) -> None:
-        self.deaths: Counter[str] = Counter()
-        self._specs: dict[str, Request] = {}  # by which agents are built
-        self._states: dict[str, bytes] = {}
+        self.deaths: Counter[Any] = Counter()
+        self._specs: dict[str, bytes | HostedSpec] = {}
+        self._place_of: dict[str, int] = {}
+        self._states: dict[str, tuple[int, bytes | None]] = {}
         self._given_up: dict[str, AgentFailure] = {}
-        self._returning: dict[str, Lost] = {}  # lost agents that are being built again
 
     # ---------------------------------------------------------------- what an engine is made of
 
     @abstractmethod
-    def _open(self, specs: Mapping[str, HostedSpec]) -> None:
-        """Make homes for these agents."""
+    def open(self, places: int) -> None:
+        """Make so many places ready."""
 
     @abstractmethod
-    def submit(self, request: Request) -> None:
-        """Begin with a request, or let it wait where its agent's home is at work; at most one for each agent."""
+    def submit(self, request: Request) -> Future[Answer]:
+        """Begin with a request at its place, which is idle; the future raises something where the worker was lost."""
+
+    def wait(self, futures: Collection[Future[Answer]], timeout: float | None = None) -> None:
+        """Wait until something has come of one of the requests, but no longer than so many seconds."""
+        wait(futures, timeout, FIRST_COMPLETED)
+
+    def kill(self, place: int) -> None:  # noqa: B027  # who waits for ever need not
+        """End the worker of a place that owes an answer, such as a stopped one."""
+
+    def replace_worker(self, place: int, error: Exception) -> str:
+        """Make another worker ready in place of a lost one, whose future raised this; gives how it ended, in words."""
+        return str(error) or repr(error)
 
     @abstractmethod
-    def wait(self, timeout: float | None = None) -> Exchange:
-        """Wait until something has come of the requests; both are empty when that takes longer than so many seconds.
-
-        Returns
-        -------
-        tuple of dicts
-            Answers, by agent; and all agents whose homes have ended, also those that had answered before and those that
-            were not asked. One of each home was at work.
-        """
-
-    def respawn(self, agents: Sequence[str]) -> None:  # noqa: B027  # an engine that loses nobody needs none
-        """Make new homes for agents that were lost."""
+    def close(self) -> None:
+        """End everything that was opened; also after half an opening, and twice."""
 
     def places(self, most: int) -> int:
-        """How many agents can solve side by side, at most so many."""
-        return 1
+        """How many tasks are done side by side, at most so many."""
+        return min(most, self.workers or available_cores())
+
+    def places_of_agents(self, agents: int) -> int:
+        """At how many places so many agents live."""
+        return self.places(agents)
 
     def agreed(self, decision: bool) -> bool:
         """What is decided by all processes that run the same script, where one asks its own clock."""
         return decision
-
-    @abstractmethod
-    def _close(self) -> None:
-        """End everything that was opened; also after half an opening, and twice."""
 
     # ---------------------------------------------------------------- what a coordinator asks
 
@@ -157,15 +172,17 @@ class Engine(ABC):
         for name, count in Counter(spec.name for spec in specs).items():
             if count > 1:
                 raise EngineError(f"{count} agents have the name '{name}'. Give each agent a name of its own.")
-        if self._specs:
-            self.stop()
+        self.stop()
         self._forget()
         if not specs:
             raise EngineError(f"engine '{self.name}': there are no agents to start.")
-        self._specs = {spec.name: self._build_request(spec) for spec in specs}
-        with undone_on_failure(self.stop):  # what its workers do then is not known any more
-            self._open({spec.name: spec for spec in specs})
-            facts = self._answers(self._specs, "could not be built")
+        places = self.places_of_agents(len(specs))
+        for number, spec in enumerate(specs):
+            sent = self.sent(spec, f"agent '{spec.name}'", "engine='serial'")
+            self._specs[spec.name], self._place_of[spec.name] = sent, number % places
+        with undone_on_failure(self.stop):
+            self.open(places)
+            facts = self._call("facts", dict.fromkeys(self._specs, ()), "could not be built", changes=False)
             for failure in self._given_up.values():
                 raise EngineError(f"agent '{failure.agent}' could not be built: {failure.reason}")
             return facts
@@ -181,7 +198,7 @@ class Engine(ABC):
         -------
         dict of agent's name to its report, or to an `AgentFailure`
         """
-        return self._answers(self._requests("solve", {name: (order,) for name, order in orders.items()}), None)
+        return self._call("solve", {name: (order,) for name, order in orders.items()})
 
     def states(self) -> dict[str, dict[str, np.ndarray]]:
         """The states of all agents that are not given up."""
@@ -217,43 +234,17 @@ class Engine(ABC):
         EngineError
             When the method raises an exception. Exceptions of this package keep their class.
         """
-        found = self._answers(self._requests(method, arguments), f"{method}() failed")
+        found = self._call(method, arguments, f"{method}() failed")
         return {name: value for name, value in found.items() if name not in self._given_up}
 
-    def _requests(self, method: str, arguments: Mapping[str, tuple[Any, ...]]) -> dict[str, Request]:
-        return {
-            name: Request.of(name, method, *given, with_state=self._keeps_states) for name, given in arguments.items()
-        }
-
-    def end_silent_workers(self) -> None:  # noqa: B027 - an engine without other processes has none
-        """Give up workers that owe an answer, such as stopped ones; `wait` then tells which were lost."""
-
-    def hear(self, timeout: float | None = None) -> Exchange | None:
-        """Wait until something has come of the requests. Lost agents are built again before it is told.
-
-        Returns
-        -------
-        tuple of dicts, or None
-            Answers; and agents whose requests were lost, with how that came. They are again as they were before these,
-            unless they are given up now. None where nothing came within so many seconds.
-        """
-        answers, lost = self.wait(timeout)
-        if not answers and not lost:
-            return None
-        told: dict[str, Lost] = {}
-        for name in [name for name in answers if name in self._returning]:
-            answer, loss = answers.pop(name), self._returning.pop(name)
-            if answer.raised:
-                lost[name] = Lost(f"it could not be built again: {answer.raised}", at_work=True)
-            else:
-                told[name] = loss
-        told.update(self._bring_back(lost))
-        return answers, told
+    def sent(self, spec: HostedSpec, label: str, instead: str) -> bytes | HostedSpec:
+        """A spec in the form in which it goes to workers; `packed` has the label and what there is instead."""
+        return spec if self._in_this_process else packed(label, spec, instead, EngineError)
 
     def stop(self) -> None:
         """End all workers. What was counted can still be read."""
         self._specs = {}
-        self._close()
+        self.close()
 
     def __enter__(self) -> Engine:
         return self
@@ -261,104 +252,103 @@ class Engine(ABC):
     def __exit__(self, *raised: object) -> None:
         self.stop()
 
-    # ---------------------------------------------------------------- death and recovery
+    # ---------------------------------------------------------------- requests, answers and deaths
 
-    def _ask(self, requests: Mapping[str, Request]) -> dict[str, Answer | AgentFailure]:
-        """Have requests answered, whatever workers die meanwhile."""
-        self._check(requests)
-        replies: dict[str, Answer | AgentFailure] = {}
-        with undone_on_failure(self.stop):  # what its workers do then is not known any more
-            for name, request in requests.items():
-                if name in self._given_up:
-                    replies[name] = self._given_up[name]
+    def replies(
+        self, waiting: list[Request], deadline: Deadline | None = None
+    ) -> Iterator[tuple[Request, Answer | AgentFailure]]:
+        """Have requests answered, each place one after the other, whatever workers die meanwhile.
+
+        Parameters
+        ----------
+        waiting : list of Request
+            They are taken out as soon as their places are idle; further ones may be put in at any time.
+        deadline : Deadline, optional
+            When to wait no more. By default workers that do not answer within `answer_within` are ended.
+
+        Yields
+        ------
+        tuple of Request and Answer or AgentFailure
+            As they come.
+        """
+        running: dict[Future[Answer], Request] = {}
+        while waiting or running:
+            for request in list(waiting):
+                if all(request.place != other.place for other in running.values()):
+                    waiting.remove(request)
+                    running[self.submit(request)] = request
+            self.wait(list(running), self.answer_within if deadline is None else deadline.left)
+            done = [future for future in running if future.done()]  # in the order of submission
+            if not done and deadline is not None:
+                return
+            if not done:
+                _LOGGER.warning("engine '%s': no answer within %g s", self.name, self.answer_within)
+                for request in running.values():
+                    self.kill(request.place)
+            for future in done:
+                request = running.pop(future)
+                reply = self._reply(request, future)
+                if reply is None:
+                    waiting.insert(0, request)
                 else:
-                    self.submit(request)
-            while len(replies) < len(requests) or self._returning:
-                heard = self.hear(self.answer_within)
-                if heard is None:
-                    _LOGGER.warning("engine '%s': no answer within %g s", self.name, self.answer_within)
-                    self.end_silent_workers()
-                    continue
-                answers, lost = heard
-                for name, answer in answers.items():
-                    replies[name] = answer
-                    if answer.state is not None:
-                        self._states[name] = answer.state
-                for name in [name for name in lost if name in requests and name not in replies]:
-                    if name in self._given_up:
-                        replies[name] = self._given_up[name]
-                    else:
-                        self.submit(requests[name])
-        return {name: replies[name] for name in requests}
+                    yield request, reply
 
-    def _bring_back(self, lost: Mapping[str, Lost]) -> dict[str, Lost]:
-        """Begin to build lost agents again, in their last states; gives those whose workers died too often."""
-        given_up: dict[str, Lost] = {}
-        for name, loss in lost.items():
-            if name in self._given_up:
-                continue
-            self.deaths.update([name] * loss.at_work)
-            if self.deaths[name] > self.deaths_allowed:
-                reason = f"its worker died {self.deaths[name]} times; {loss.reason}"
-                given_up[name], self._given_up[name] = loss, AgentFailure(name, reason, final=True)
-                self._returning.pop(name, None)
-                _LOGGER.error("agent '%s' is given up: %s", name, reason)
-            else:
-                self._returning[name] = loss
-                _LOGGER.warning("agent '%s' is built again: %s", name, loss.reason)
-        names = [name for name in lost if name in self._returning]
-        self.respawn(names)
-        for name in names:
-            self.submit(replace(self._specs[name], state=self._states.get(name)))
-        return given_up
+    def _reply(self, request: Request, future: Future[Answer]) -> Answer | AgentFailure | None:
+        """What came of a request; None where its worker died, and it is requested again."""
+        try:
+            return future.result()
+        except Exception as error:  # each kind of executor has its own
+            reason = self.replace_worker(request.place, error)
+        self.deaths[request.label] += 1
+        if self.deaths[request.label] <= self.deaths_allowed:
+            _LOGGER.warning("'%s' is requested again: %s", request.label, reason)
+            return None
+        reason = f"its worker died {self.deaths[request.label]} times; {reason}"
+        _LOGGER.error("'%s' is given up: %s", request.label, reason)
+        return AgentFailure(str(request.label), reason, final=True)
 
-    # ---------------------------------------------------------------- small things
-
-    def _build_request(self, spec: HostedSpec) -> Request:
-        """What has an agent built, with its spec, by workers that have memory of their own."""
-        return Request(spec.name, "build", packed(f"agent '{spec.name}'", (spec,), "engine='serial'", EngineError))
-
-    def _check(self, names: Iterable[str]) -> None:
+    def _call(
+        self, method: str, arguments: Mapping[str, tuple[Any, ...]], label: str | None = None, *, changes: bool = True
+    ) -> dict[str, Any]:
+        """What a method of agents gave; what one raised is raised here, or is a failure where nothing is said of it."""
         if not self._specs:
             raise EngineError(f"engine '{self.name}' has no agents: it was not started, or it was stopped. Start it.")
-        unknown = [name for name in names if name not in self._specs]
-        if unknown:
-            raise EngineError(f"no agent '{unknown[0]}'; the agents are {', '.join(self._specs)}.")
+        for name in arguments:
+            if name not in self._specs:
+                raise EngineError(f"no agent '{name}'; the agents are {', '.join(self._specs)}.")
+        replies: dict[str, Answer | AgentFailure] = {**self._given_up}
+        waiting = [self._request(name, method, arguments[name], changes) for name in arguments if name not in replies]
+        with undone_on_failure(self.stop):  # what its workers do then is not known any more
+            for request, reply in self.replies(waiting):
+                replies[request.agent] = reply
+                self._keep(request.agent, reply)
+        return {name: _value(name, replies[name], label) for name in arguments}
 
-    def _answers(self, requests: Mapping[str, Request], label: str | None) -> dict[str, Any]:
-        """What agents gave; what one raised is raised here, or is a failure where nothing is said of it."""
-        found: dict[str, Any] = {}
-        for name, reply in self._ask(requests).items():
-            if isinstance(reply, AgentFailure):
-                found[name] = reply
-            elif not reply.raised:
-                found[name] = reply.value
-            elif label is None:
-                found[name] = AgentFailure(name, reply.raised, traceback=reply.traceback)
-            else:
-                other = EngineError(f"agent '{name}' {label}: {reply.raised}")
-                raise reply.error(PyRobocopError, other, f"agent '{name}'")
-        return found
+    def _request(self, name: str, method: str, arguments: tuple[Any, ...], changes: bool) -> Request:
+        return Request(
+            name,
+            self._specs[name],
+            method,
+            pickle.dumps(arguments, pickle.HIGHEST_PROTOCOL),
+            label=name,
+            place=self._place_of[name],
+            state=self._states.get(name, (0, None)),
+            with_state=changes and not self._in_this_process,
+        )
+
+    def _keep(self, name: str, reply: Answer | AgentFailure) -> None:
+        if isinstance(reply, AgentFailure):
+            self._given_up[name] = reply
+        elif reply.state is not None:
+            self._states[name] = reply.state
 
 
-class EngineWithHost(Engine):
-    """An engine whose agents live in this process: specs need not be sent, and nobody is lost."""
-
-    _keeps_states = False
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._close()
-
-    def submit(self, request: Request) -> None:
-        """Let a request wait for its turn."""
-        self._submitted.append(request)
-
-    def _build_request(self, spec: HostedSpec) -> Request:
-        return Request.of(spec.name, "build")
-
-    def _open(self, specs: Mapping[str, HostedSpec]) -> None:
-        self._host, self._submitted = WorkerHost(specs), list[Request]()
-
-    def _close(self) -> None:
-        self._open({})
+def _value(name: str, reply: Answer | AgentFailure, label: str | None) -> Any:
+    if isinstance(reply, AgentFailure):
+        return reply
+    if not reply.raised:
+        return reply.value
+    if label is None:
+        return AgentFailure(name, reply.raised, traceback=reply.traceback)
+    other = EngineError(f"agent '{name}' {label}: {reply.raised}")
+    raise reply.error(PyRobocopError, other, f"agent '{name}'")

@@ -1,4 +1,4 @@
-"""Engines by their names, and `SerialEngine`, with which all others have to agree."""
+"""Engines by their names."""
 
 from __future__ import annotations
 
@@ -6,26 +6,11 @@ from collections.abc import Callable
 
 from pyrobocop_pyomo.errors import EngineError
 
-from .dask_engine import DaskEngine
-from .engine import Engine, EngineWithHost, Exchange
+from .engine import Engine
+from .executor_engine import DaskEngine
 from .mpi_engine import MpiEngine
 from .process_engine import ProcessEngine
-
-
-class SerialEngine(EngineWithHost):
-    """All agents in this process, one after the other.
-
-    Needs nothing, starts at once, and any builder will do. Orders and reports are pickled here too, so that no array is
-    shared by accident.
-    """
-
-    name = "serial"
-
-    def wait(self, timeout: float | None = None) -> Exchange:
-        """Answer the first request."""
-        request = self._submitted.pop(0)
-        return {request.agent: self._host.answer(request)}, {}
-
+from .serial_engine import SerialEngine
 
 ENGINES: dict[str, Callable[[], Engine]] = {
     "serial": SerialEngine,

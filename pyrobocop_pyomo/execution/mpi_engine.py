@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+from concurrent.futures import Future
 from typing import Any
 
 from pyrobocop_pyomo.errors import EngineError
 from pyrobocop_pyomo.optional_imports import mpi, mpi_available
 
-from .engine import EngineWithHost, Exchange
-from .worker_host import Answer
+from .serial_engine import SerialEngine
+from .worker_host import Answer, Request
 
 
-class MpiEngine(EngineWithHost):
+class MpiEngine(SerialEngine):
     """Every rank of an MPI job runs the same script, solves its own agents, and hears the reports of all others.
 
     Start the script with ``mpiexec -n 4 python -m mpi4py script.py``: then an exception on one rank ends the job, and
@@ -46,27 +48,40 @@ class MpiEngine(EngineWithHost):
         """Whether this rank is the one that writes files and tells the user."""
         return bool(self.communicator.rank == 0)
 
+    def open(self, places: int) -> None:
+        """Begin with no agents, and nothing asked."""
+        super().open(places)
+        self._submitted: list[tuple[Request, Future[Answer]]] = []
+
     def places(self, most: int) -> int:
-        """How many agents can solve side by side: one on each rank."""
+        """How many tasks are done side by side: one on each rank."""
         return min(most, int(self.communicator.size))
+
+    def places_of_agents(self, agents: int) -> int:
+        """One for each agent: a rank answers all its requests at once."""
+        return agents
 
     def agreed(self, decision: bool) -> bool:
         """What rank 0 decides."""
         return bool(self.communicator.bcast(decision))
 
-    def wait(self, timeout: float | None = None) -> Exchange:
+    def submit(self, request: Request) -> Future[Answer]:
+        """Let a request wait until all are known."""
+        self._submitted.append((request, Future()))
+        return self._submitted[-1][-1]
+
+    def wait(self, futures: Collection[Future[Answer]], timeout: float | None = None) -> None:
         """Have all requests answered, those of this rank's agents here. Ranks never differ in what they have heard."""
-        requests, self._submitted = self._submitted, []
-        asked = [(request.agent, request.task) for request in requests]
-        of_this_rank = list(self._specs)[self.communicator.rank :: self.communicator.size]
-        own = {request.agent: self._host.answer(request) for request in requests if request.agent in of_this_rank}
-        gathered: list[tuple[list[tuple[str, str]], dict[str, Answer]]]
-        gathered = self.communicator.allgather((asked, own))
-        for rank, (theirs, _) in enumerate(gathered):
+        submitted, self._submitted = self._submitted, []
+        rank, size = self.communicator.rank, self.communicator.size
+        asked = [(request.agent, request.method) for request, _ in submitted]
+        own = [self._host.answer(request) for request, _ in submitted if request.place % size == rank]
+        gathered: list[tuple[list[tuple[str, str]], list[Answer]]] = self.communicator.allgather((asked, own))
+        for other, (theirs, _) in enumerate(gathered):
             if theirs != gathered[0][0]:
                 raise EngineError(
-                    f"engine 'mpi': rank 0 asks for {gathered[0][0]}, rank {rank} for {theirs}. All ranks have to "
+                    f"engine 'mpi': rank 0 asks for {gathered[0][0]}, rank {other} for {theirs}. All ranks have to "
                     "run the same script with the same data, and nothing in it may depend on time or chance."
                 )
-        answers = {name: answer for _, of_rank in gathered for name, answer in of_rank.items()}
-        return {request.agent: answers[request.agent] for request in requests}, {}
+        for request, future in submitted:
+            future.set_result(gathered[request.place % size][1].pop(0))

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import contextlib
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+import pickle
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
-from pyrobocop_pyomo.errors import EngineError, ModelError, PyRobocopError
+from pyrobocop_pyomo.errors import ModelError, PyRobocopError
 from pyrobocop_pyomo.modeling.deadline import Deadline
 
-from .engine import Engine
-from .engines import SerialEngine, find_engine
-from .homes import available_cores
+from .engine import AgentFailure, Engine, available_cores
+from .engines import find_engine
 from .process_engine import ProcessEngine
-from .worker_host import Answer, Lost, Request
+from .worker_host import Request
 
 SECONDS_TO_ANSWER = 0.5  # after the deadline, which tasks keep by themselves
 GIVEN_UP = "its process ended abruptly, several times"
@@ -66,7 +65,7 @@ def study_engine(workers: Any, engine: str | Engine | None) -> Engine | None:
     if workers != 1:
         raise ModelError(f"workers = {workers!r} and an engine: give one of them; an engine has workers of its own.")
     engine = find_engine(engine)
-    return None if isinstance(engine, SerialEngine) else engine
+    return None if engine.name == "serial" else engine
 
 
 def run_tasks(
@@ -77,7 +76,7 @@ def run_tasks(
     engine: Engine | None,
     most: int,
     deadline: Deadline,
-    given_up: Callable[[Task], Any],
+    given_up: Callable[[Any], Any],
 ) -> None:
     """Do tasks in their order, as far as there is room, until all are done.
 
@@ -97,100 +96,70 @@ def run_tasks(
     deadline : Deadline
         Tasks end by themselves when it passes; how long they may take to say so is limited here.
     given_up : callable
-        The result of a task that took its worker down several times.
+        The result of a task, by its key, that took its worker down several times.
 
     Raises
     ------
     EngineError
-        When workers cannot be started, or do not stay until their solver is made.
+        When workers cannot be started.
     Exception
         What a task raises.
     """
-    run = _TaskRun(list(tasks)[::-1], take, deadline, given_up)
+    waiting = list(tasks)[::-1]  # the next one last
+    if engine is None:
+        results = _done_here(waiting, make, deadline)
+    else:
+        results = _done_on_engine(waiting, engine, make, most, deadline, given_up)
     with contextlib.suppress(KeyboardInterrupt):
-        if engine is None:
-            run.here(make())
-        else:
-            with engine:
-                run.on_engine(engine, make, most)
+        for result in results:
+            following = take(result)
+            waiting[:] = [] if following is None else [*waiting, *list(following)[::-1]]
 
 
-@dataclass
-class _TaskRun:
-    """The state of one call; on an engine, whose agents are workers that differ in nothing but their names."""
+def _done_here(waiting: list[Task], make: Make, deadline: Deadline) -> Iterator[Any]:
+    """The results of tasks; others may follow from each."""
+    solve, begun = make(), False
+    while waiting and not (begun and deadline.has_passed):
+        begun = True
+        yield solve(*waiting.pop().arguments, deadline=deadline)
 
-    waiting: list[Task]  # the next one last
-    take: Take
-    deadline: Deadline
-    given_up: Callable[[Task], Any]
-    idle: list[str] = field(default_factory=list)
-    running: dict[str, Task] = field(default_factory=dict)
-    deaths: Counter[Any] = field(default_factory=Counter)
-    begun: bool = False
 
-    def here(self, solve: Callable[..., Any]) -> None:
-        while self.waiting and not (self.begun and self.deadline.has_passed):
-            self.begun = True
-            self._go_on_after(solve(*self.waiting.pop().arguments, deadline=self.deadline))
+def _done_on_engine(
+    waiting: list[Task], engine: Engine, make: Make, most: int, deadline: Deadline, given_up: Callable[[Any], Any]
+) -> Iterator[Any]:
+    """The results of tasks; at most one is begun at each place, since time passes."""
+    idle = list(range(engine.places(most)))[::-1]
+    spec = engine.sent(_SolverSpec(make), "what solves the cases", "workers=1")
+    requests: list[Request] = []
 
-    def on_engine(self, engine: Engine, make: Make, most: int) -> None:
-        if not self.waiting:
-            return
-        names = [f"worker {number}" for number in range(engine.places(most))]
-        engine.start(_WorkerSpec(name, make) for name in names)
-        self.idle = names[::-1]
-        self._submit(engine)
-        while self.running:
-            left = self.deadline.left
-            heard = engine.hear(None if left is None else max(left, 0.0) + SECONDS_TO_ANSWER)
-            if heard is None:
-                return  # the end of the engine ends them
-            self._take_all(engine, *heard)
-            self._submit(engine)
+    def begin() -> None:
+        while waiting and idle:
+            task = waiting.pop()
+            arguments = pickle.dumps((deadline.left, *task.arguments), pickle.HIGHEST_PROTOCOL)
+            requests.append(Request("solver", spec, "solve", arguments, task.key, idle.pop()))
 
-    def _submit(self, engine: Engine) -> None:
-        """Only as many as there is room for: time passes, and whose worker dies is known."""
-        if self.waiting and self.begun and engine.agreed(self.deadline.has_passed):
-            self.waiting = []
-        while self.waiting and self.idle:
-            name, task = self.idle.pop(), self.waiting.pop()
-            self.running[name], self.begun = task, True
-            engine.submit(Request.of(name, "solve", self.deadline.left, *task.arguments))
-
-    def _take_all(self, engine: Engine, answers: Mapping[str, Answer], lost: Mapping[str, Lost]) -> None:
-        for name, answer in answers.items():
-            self.idle.append(name)
-            del self.running[name]
-            if answer.raised:
-                raise answer.error(Exception, PyRobocopError(f"a task raised {answer.raised}"), "a worker")
-            self._go_on_after(answer.value)
-        for name, loss in lost.items():
-            if engine.deaths[name] > engine.deaths_allowed:
-                raise EngineError(f"a worker ended while it was started again, several times: {loss.reason}")
-            # The task is to blame, and the worker may go on.
-            del engine.deaths[name]
-            self.idle.append(name)
-            task = self.running.pop(name)
-            self.deaths[task.key] += loss.at_work
-            if self.deaths[task.key] <= engine.deaths_allowed:
-                self.waiting.append(task)
+    with engine:
+        engine.deaths.clear()
+        engine.open(len(idle))
+        begin()
+        for request, reply in engine.replies(requests, deadline.earlier_by(-SECONDS_TO_ANSWER)):
+            idle.append(request.place)
+            if isinstance(reply, AgentFailure):
+                yield given_up(request.label)
+            elif reply.raised:
+                raise reply.error(Exception, PyRobocopError(f"a task raised {reply.raised}"), "a worker")
             else:
-                self._go_on_after(self.given_up(task))
-
-    def _go_on_after(self, result: Any) -> None:
-        following = self.take(result)
-        if following is None:
-            self.waiting = []
-        else:
-            self.waiting += list(following)[::-1]
+                yield reply.value
+            if not engine.agreed(deadline.has_passed):
+                begin()
 
 
 @dataclass(frozen=True)
-class _WorkerSpec:
+class _SolverSpec:
     """How the solver of a study is made on a worker; it is an agent without a state."""
 
-    name: str
     make: Make
+    name: str = "solver"
 
     def build(self) -> Any:
         solve = self.make()
@@ -199,4 +168,4 @@ class _WorkerSpec:
             """Do a task, in the seconds that are left."""
             return solve(*arguments, deadline=Deadline.after(left))
 
-        return SimpleNamespace(facts=lambda: None, solve=in_time)
+        return SimpleNamespace(solve=in_time)

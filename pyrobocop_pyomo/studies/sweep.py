@@ -273,7 +273,7 @@ class _Sweep:
         """Solve each case as soon as its neighbour is done, until all is done, the time is over or Ctrl-C comes."""
         run_tasks(
             self._tasks(), self._take, make=make, engine=engine, most=len(self.cases), deadline=self.deadline,
-            given_up=lambda task: SweepOutcome(case=self.cases[task.key], error=GIVEN_UP),
+            given_up=lambda key: SweepOutcome(case=self.cases[key], error=GIVEN_UP),
         )  # fmt: skip
 
     def _tasks(self) -> list[Task]:

@@ -14,6 +14,7 @@ from test_sweep import PULLS, numbers, spring
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.execution.executor_engine import DaskEngine
 from pyrobocop_pyomo.execution.tasks import GIVEN_UP
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL on Windows")
@@ -54,7 +55,7 @@ def serial() -> list[Any]:
 def engine_of(name: str) -> rcp.teams.Engine:
     if name == "dask":
         pytest.importorskip("distributed")
-        return rcp.teams.DaskEngine(workers=2)
+        return DaskEngine(workers=2)
     return rcp.teams.ProcessEngine(workers=2)
 
 
