@@ -13,10 +13,9 @@ from pyrobocop_pyomo.distributed.team_horizon import TeamHorizon
 from pyrobocop_pyomo.distributed.team_result import TeamResult
 from pyrobocop_pyomo.errors import removed_names
 from pyrobocop_pyomo.execution.engine import Engine
+from pyrobocop_pyomo.execution.engines import SerialEngine
 from pyrobocop_pyomo.execution.executor_engine import ExecutorEngine
-from pyrobocop_pyomo.execution.mpi_engine import MpiEngine
 from pyrobocop_pyomo.execution.process_engine import ProcessEngine
-from pyrobocop_pyomo.execution.serial_engine import SerialEngine
 
 __all__ = [
     "BarrierPath",
@@ -25,7 +24,6 @@ __all__ = [
     "Engine",
     "ExecutorEngine",
     "Hub",
-    "MpiEngine",
     "ProcessEngine",
     "Round",
     "SerialEngine",
@@ -42,6 +40,7 @@ __getattr__ = removed_names(
         "penalties=None": "ConstantPenalties",
         "closing=Closing(), which ends what rounds do not": "PenaltyRestart",
         "copy it from benchmarks/rod_teams.py": "SimulatedNetwork",
+        "ExecutorEngine(executor, workers), engine='dask' or engine='mpi'": "DaskEngine MpiEngine",
         "TargetedPenalties": "BalancedPenalties GrowingPenalties",
     },
 )

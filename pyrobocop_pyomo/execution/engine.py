@@ -4,25 +4,21 @@ from __future__ import annotations
 
 import logging
 import os
-import pickle
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from dataclasses import dataclass
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
 from pyrobocop_pyomo.errors import EngineError, PyRobocopError
-from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
 from pyrobocop_pyomo.modeling.failures import undone_on_failure
 
 from .worker_host import Answer, HostedSpec, Request, packed
 
 _LOGGER = logging.getLogger(__name__)
-
-State = Mapping[str, np.ndarray]
 
 
 def available_cores() -> int:
@@ -53,7 +49,11 @@ class AgentFailure:
     traceback: str = ""
 
 
-class Engine(ABC):
+Reply = Answer | AgentFailure
+Arguments = Mapping[str, tuple[Any, ...]]
+
+
+class Engine(AbstractContextManager["Engine"]):
     """Where the agents of a team live: the same orders give the same reports on every engine.
 
     Tasks of a study are done there too (`run_tasks`).
@@ -80,10 +80,6 @@ class Engine(ABC):
     name : str
     deaths : Counter
         How often the worker of each agent died, while the agent was at work.
-    writes_files : bool
-        Whether this process is the one of its team that writes files. It is, except on all but one rank of MPI.
-    answer_within : float or None
-        Seconds without an answer of any agent after which the workers that owe one are ended with `kill`.
 
     Raises
     ------
@@ -92,8 +88,6 @@ class Engine(ABC):
     """
 
     name: str
-    writes_files = True
-    answer_within: float | None = None
     _in_this_process = False  # where specs need not be sent, and no state is ever needed again
 
     def __init__(self, workers: int | None = None, *, deaths_allowed: int = 2) -> None:
@@ -102,13 +96,8 @@ class Engine(ABC):
         if deaths_allowed < 0:
             raise EngineError(f"engine '{self.name}': deaths_allowed = {deaths_allowed!r}; expected 0 or more.")
         self.workers, self.deaths_allowed = workers, deaths_allowed
-        self._forget()
-
-    def _forget(self) -> None:
         self.deaths: Counter[Any] = Counter()
-        self._specs: dict[str, bytes | HostedSpec] = {}
-        self._place_of: dict[str, int] = {}
-        self._states: dict[str, tuple[int, bytes | None]] = {}
+        self._agents: dict[str, Request] = {}  # without anything to do, in their last states
         self._given_up: dict[str, AgentFailure] = {}
 
     # ---------------------------------------------------------------- what an engine is made of
@@ -121,13 +110,6 @@ class Engine(ABC):
     def submit(self, request: Request) -> Future[Answer]:
         """Begin with a request at its place, which is idle; the future raises something where the worker was lost."""
 
-    def wait(self, futures: Collection[Future[Answer]], timeout: float | None = None) -> None:
-        """Wait until something has come of one of the requests, but no longer than so many seconds."""
-        wait(futures, timeout, FIRST_COMPLETED)
-
-    def kill(self, place: int) -> None:  # noqa: B027  # who waits for ever need not
-        """End the worker of a place that owes an answer, such as a stopped one."""
-
     def replace_worker(self, place: int, error: Exception) -> str:
         """Make another worker ready in place of a lost one, whose future raised this; gives how it ended, in words."""
         return str(error) or repr(error)
@@ -137,16 +119,8 @@ class Engine(ABC):
         """End everything that was opened; also after half an opening, and twice."""
 
     def places(self, most: int) -> int:
-        """How many tasks are done side by side, at most so many."""
+        """How many requests are answered side by side, at most so many."""
         return min(most, self.workers or available_cores())
-
-    def places_of_agents(self, agents: int) -> int:
-        """At how many places so many agents live."""
-        return self.places(agents)
-
-    def agreed(self, decision: bool) -> bool:
-        """What is decided by all processes that run the same script, where one asks its own clock."""
-        return decision
 
     # ---------------------------------------------------------------- what a coordinator asks
 
@@ -173,16 +147,17 @@ class Engine(ABC):
             if count > 1:
                 raise EngineError(f"{count} agents have the name '{name}'. Give each agent a name of its own.")
         self.stop()
-        self._forget()
+        self.deaths, self._given_up = Counter(), {}
         if not specs:
             raise EngineError(f"engine '{self.name}': there are no agents to start.")
-        places = self.places_of_agents(len(specs))
+        places = self.places(len(specs))
         for number, spec in enumerate(specs):
-            sent = self.sent(spec, f"agent '{spec.name}'", "engine='serial'")
-            self._specs[spec.name], self._place_of[spec.name] = sent, number % places
+            label = f"agent '{spec.name}'"
+            sent = spec if self._in_this_process else packed(label, spec, "engine='serial'", EngineError)
+            self._agents[spec.name] = Request(spec.name, sent, number % places, spec.name)
         with undone_on_failure(self.stop):
             self.open(places)
-            facts = self._call("facts", dict.fromkeys(self._specs, ()), "could not be built", changes=False)
+            facts = self._call("facts", dict.fromkeys(self._agents, ()), "could not be built", with_states=False)
             for failure in self._given_up.values():
                 raise EngineError(f"agent '{failure.agent}' could not be built: {failure.reason}")
             return facts
@@ -200,11 +175,11 @@ class Engine(ABC):
         """
         return self._call("solve", {name: (order,) for name, order in orders.items()})
 
-    def states(self) -> dict[str, dict[str, np.ndarray]]:
+    def states(self) -> dict[str, dict[str, Any]]:
         """The states of all agents that are not given up."""
-        return self.call_all("state", dict.fromkeys(self._specs, ()))
+        return self.call_all("state", dict.fromkeys(self._agents, ()))
 
-    def restore(self, states: Mapping[str, State]) -> None:
+    def restore(self, states: Mapping[str, Mapping[str, Any]]) -> None:
         """Put agents into states; agents without one stay as they are.
 
         Raises
@@ -217,7 +192,7 @@ class Engine(ABC):
             if name in states:
                 raise EngineError(f"agent '{name}' is given up ({failure.reason}) and cannot be restored. Start anew.")
 
-    def call_all(self, method: str, arguments: Mapping[str, tuple[Any, ...]]) -> dict[str, Any]:
+    def call_all(self, method: str, arguments: Arguments) -> dict[str, Any]:
         """Call a method of several agents' problems, side by side.
 
         Parameters
@@ -237,34 +212,25 @@ class Engine(ABC):
         found = self._call(method, arguments, f"{method}() failed")
         return {name: value for name, value in found.items() if name not in self._given_up}
 
-    def sent(self, spec: HostedSpec, label: str, instead: str) -> bytes | HostedSpec:
-        """A spec in the form in which it goes to workers; `packed` has the label and what there is instead."""
-        return spec if self._in_this_process else packed(label, spec, instead, EngineError)
-
     def stop(self) -> None:
         """End all workers. What was counted can still be read."""
-        self._specs = {}
+        self._agents = {}
         self.close()
-
-    def __enter__(self) -> Engine:
-        return self
 
     def __exit__(self, *raised: object) -> None:
         self.stop()
 
     # ---------------------------------------------------------------- requests, answers and deaths
 
-    def replies(
-        self, waiting: list[Request], deadline: Deadline | None = None
-    ) -> Iterator[tuple[Request, Answer | AgentFailure]]:
+    def replies(self, waiting: list[Request], deadline: Deadline = NO_DEADLINE) -> Iterator[tuple[Request, Reply]]:
         """Have requests answered, each place one after the other, whatever workers die meanwhile.
 
         Parameters
         ----------
         waiting : list of Request
             They are taken out as soon as their places are idle; further ones may be put in at any time.
-        deadline : Deadline, optional
-            When to wait no more. By default workers that do not answer within `answer_within` are ended.
+        deadline : Deadline
+            When to wait no more.
 
         Yields
         ------
@@ -277,15 +243,9 @@ class Engine(ABC):
                 if all(request.place != other.place for other in running.values()):
                     waiting.remove(request)
                     running[self.submit(request)] = request
-            self.wait(list(running), self.answer_within if deadline is None else deadline.left)
-            done = [future for future in running if future.done()]  # in the order of submission
-            if not done and deadline is not None:
+            if not wait(running, deadline.left, FIRST_COMPLETED).done:
                 return
-            if not done:
-                _LOGGER.warning("engine '%s': no answer within %g s", self.name, self.answer_within)
-                for request in running.values():
-                    self.kill(request.place)
-            for future in done:
+            for future in [future for future in running if future.done()]:  # in the order of submission
                 request = running.pop(future)
                 reply = self._reply(request, future)
                 if reply is None:
@@ -293,7 +253,7 @@ class Engine(ABC):
                 else:
                     yield request, reply
 
-    def _reply(self, request: Request, future: Future[Answer]) -> Answer | AgentFailure | None:
+    def _reply(self, request: Request, future: Future[Answer]) -> Reply | None:
         """What came of a request; None where its worker died, and it is requested again."""
         try:
             return future.result()
@@ -304,51 +264,35 @@ class Engine(ABC):
             _LOGGER.warning("'%s' is requested again: %s", request.label, reason)
             return None
         reason = f"its worker died {self.deaths[request.label]} times; {reason}"
-        _LOGGER.error("'%s' is given up: %s", request.label, reason)
         return AgentFailure(str(request.label), reason, final=True)
 
-    def _call(
-        self, method: str, arguments: Mapping[str, tuple[Any, ...]], label: str | None = None, *, changes: bool = True
-    ) -> dict[str, Any]:
+    def _call(self, method: str, arguments: Arguments, label: str = "", with_states: bool = True) -> dict[str, Any]:
         """What a method of agents gave; what one raised is raised here, or is a failure where nothing is said of it."""
-        if not self._specs:
+        if not self._agents:
             raise EngineError(f"engine '{self.name}' has no agents: it was not started, or it was stopped. Start it.")
-        for name in arguments:
-            if name not in self._specs:
-                raise EngineError(f"no agent '{name}'; the agents are {', '.join(self._specs)}.")
-        replies: dict[str, Answer | AgentFailure] = {**self._given_up}
-        waiting = [self._request(name, method, arguments[name], changes) for name in arguments if name not in replies]
+        requests: list[Request] = []
+        for name, given in arguments.items():
+            if name not in self._agents:
+                raise EngineError(f"no agent '{name}'; the agents are {', '.join(self._agents)}.")
+            if name not in self._given_up:
+                requests.append(self._agents[name].calling(method, given, with_states and not self._in_this_process))
+        replies: dict[str, Reply] = {**self._given_up}
         with undone_on_failure(self.stop):  # what its workers do then is not known any more
-            for request, reply in self.replies(waiting):
+            for request, reply in self.replies(requests):
                 replies[request.agent] = reply
-                self._keep(request.agent, reply)
+                if isinstance(reply, AgentFailure):
+                    self._given_up[request.agent] = reply
+                elif reply.state is not None:
+                    self._agents[request.agent] = replace(self._agents[request.agent], state=reply.state)
         return {name: _value(name, replies[name], label) for name in arguments}
 
-    def _request(self, name: str, method: str, arguments: tuple[Any, ...], changes: bool) -> Request:
-        return Request(
-            name,
-            self._specs[name],
-            method,
-            pickle.dumps(arguments, pickle.HIGHEST_PROTOCOL),
-            label=name,
-            place=self._place_of[name],
-            state=self._states.get(name, (0, None)),
-            with_state=changes and not self._in_this_process,
-        )
 
-    def _keep(self, name: str, reply: Answer | AgentFailure) -> None:
-        if isinstance(reply, AgentFailure):
-            self._given_up[name] = reply
-        elif reply.state is not None:
-            self._states[name] = reply.state
-
-
-def _value(name: str, reply: Answer | AgentFailure, label: str | None) -> Any:
+def _value(name: str, reply: Reply, label: str) -> Any:
     if isinstance(reply, AgentFailure):
         return reply
     if not reply.raised:
         return reply.value
-    if label is None:
+    if not label:
         return AgentFailure(name, reply.raised, traceback=reply.traceback)
     other = EngineError(f"agent '{name}' {label}: {reply.raised}")
     raise reply.error(PyRobocopError, other, f"agent '{name}'")

@@ -10,7 +10,6 @@ import sys
 import threading
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -26,12 +25,11 @@ UNPROTECTED = (
     "Processes read the script again, so it has to protect what starts them: "
     "put the call under 'if __name__ == \"__main__\":'."
 )
-_PRELOADED = ["pyrobocop_pyomo", "pyrobocop_pyomo.execution.worker_imports", __name__]
 _SECONDS_TO_END = 2.0
 
 
 class WorkerProcess:
-    """A process with a host, connected by a pipe; a thread waits for its answers, so that no pipe is ever full.
+    """A process with a host, connected by a pipe.
 
     Parameters
     ----------
@@ -46,17 +44,13 @@ class WorkerProcess:
 
     def __init__(self, number: int) -> None:
         check_protection()
-        self._thread = ThreadPoolExecutor(1)
         with inherited_by_processes():
             context = _process_context()
             self._connection, theirs = context.Pipe()
-            environment = {**ONE_THREAD, **os.environ}
-            self.process = context.Process(
-                target=_serve, args=(theirs, environment), daemon=True, name=f"worker-{number}"
-            )
-            self.process.start()
+            self._process = context.Process(target=_serve, args=(theirs, dict(os.environ)), name=f"worker-{number}")
+            self._process.daemon = True
+            self._process.start()
         theirs.close()  # so that the end of the process is the end of the pipe
-        self._ready = self._thread.submit(self._connection.recv)
 
     def wait_until_ready(self) -> None:
         """Wait until it takes requests.
@@ -67,35 +61,42 @@ class WorkerProcess:
             When it has ended before.
         """
         try:
-            self._ready.result()
+            self._connection.recv()
         except (EOFError, OSError):
-            ended = f"a worker ended before it was ready: {self.end_in_words()}"
+            ended = f"a worker ended before it was ready: {self._end_in_words()}"
             raise EngineError(f"engine 'process': {ended}. {UNPROTECTED}") from None
 
-    def submit(self, request: Request) -> Future[Answer]:
-        """Begin with a request; its future raises an exception where the process has ended."""
-        return self._thread.submit(self._ask, request)
+    def answer(self, request: Request, limit: float) -> Answer:
+        """Have a request answered, in so many seconds.
 
-    def _ask(self, request: Request) -> Answer:
-        self._connection.send(request)
-        answer: Answer = self._connection.recv()
-        return answer
+        Raises
+        ------
+        ConnectionError
+            When the process has ended, or an agent does not answer; it says so in words.
+        """
+        silent = threading.Timer(limit, self._process.kill)
+        silent.start()
+        try:
+            self._connection.send(request)
+            answer: Answer = self._connection.recv()
+            return answer
+        except (EOFError, OSError):
+            late = "" if silent.is_alive() else f"no answer within {limit} s: "
+            raise ConnectionError(late + self._end_in_words()) from None
+        finally:
+            silent.cancel()
 
-    def end_in_words(self) -> str:
-        """How it has ended."""
-        self.process.join(_SECONDS_TO_END)
-        code = self.process.exitcode
+    def _end_in_words(self) -> str:
+        self._process.join(_SECONDS_TO_END)
+        code = self._process.exitcode
         if code is not None and code < 0:
-            return f"process {self.process.pid} was ended by signal {-code} ({signal.Signals(-code).name})"
-        return f"process {self.process.pid} ended with exit code {code}"
+            return f"process {self._process.pid} was ended by signal {-code} ({signal.Signals(-code).name})"
+        return f"process {self._process.pid} ended with exit code {code}"
 
-    def end(self) -> None:
-        """End it, whatever it does."""
-        self.process.kill()
-        self._thread.shutdown()
-        self._connection.close()
-        self.process.join()
-        self.process.close()
+    def kill(self) -> None:
+        """End it, whatever it does; who waits for an answer is told."""
+        self._process.kill()
+        self._process.join()
 
 
 class ProcessEngine(Engine):
@@ -111,7 +112,7 @@ class ProcessEngine(Engine):
     deaths_allowed
         As of `Engine`.
     answer_within : float
-        Seconds without an answer of any agent after which the processes that still owe one count as dead.
+        Seconds after which a process counts as dead whose agent has not answered.
 
     Raises
     ------
@@ -130,32 +131,29 @@ class ProcessEngine(Engine):
 
     def open(self, places: int) -> None:
         """Start processes, side by side."""
+        self._threads = ThreadPoolExecutor(places)  # each waits for an answer, so that no pipe is ever full
         for place in range(places):
             self._processes.append(WorkerProcess(place))
         for process in self._processes:
             process.wait_until_ready()
 
     def submit(self, request: Request) -> Future[Answer]:
-        """Send a request to the process of its place."""
-        return self._processes[request.place].submit(request)
+        """Have a request answered by the process of its place."""
+        # Agents are those that have a state; what a study does may take as long as it likes.
+        limit = self.answer_within if request.with_state else threading.TIMEOUT_MAX
+        return self._threads.submit(self._processes[request.place].answer, request, limit)
 
     def replace_worker(self, place: int, error: Exception) -> str:
         """Start another process."""
-        reason = self._processes[place].end_in_words()
-        self._processes[place].end()
+        self._processes[place].kill()
         self._processes[place] = WorkerProcess(place)
         self._processes[place].wait_until_ready()
-        return reason
-
-    def kill(self, place: int) -> None:
-        """End the process of a place, whatever it does."""
-        self._processes[place].process.kill()
+        return str(error)
 
     def close(self) -> None:
         """End all processes."""
-        processes, self._processes = self._processes, []
-        for process in processes:
-            process.end()
+        while self._processes:
+            self._processes.pop().kill()
 
 
 def check_protection() -> None:
@@ -178,8 +176,7 @@ def _process_context() -> Any:
     if not sys.platform.startswith("linux"):
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(_PRELOADED)
-    forkserver.ensure_running()
+    context.set_forkserver_preload(["pyrobocop_pyomo", "pyrobocop_pyomo.execution.worker_imports", __name__])
     return context
 
 

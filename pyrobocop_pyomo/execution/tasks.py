@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import pickle
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from types import SimpleNamespace
 from typing import Any
 
 from pyrobocop_pyomo.errors import ModelError, PyRobocopError
@@ -15,7 +13,7 @@ from pyrobocop_pyomo.modeling.deadline import Deadline
 from .engine import AgentFailure, Engine, available_cores
 from .engines import find_engine
 from .process_engine import ProcessEngine
-from .worker_host import Request
+from .worker_host import Request, packed
 
 SECONDS_TO_ANSWER = 0.5  # after the deadline, which tasks keep by themselves
 GIVEN_UP = "its process ended abruptly, several times"
@@ -36,7 +34,6 @@ class Task:
     arguments: tuple[Any, ...]
 
 
-Take = Callable[[Any], "Iterable[Task] | None"]
 Make = Callable[[], Callable[..., Any]]
 
 
@@ -70,13 +67,12 @@ def study_engine(workers: Any, engine: str | Engine | None) -> Engine | None:
 
 def run_tasks(
     tasks: Iterable[Task],
-    take: Take,
+    take: Callable[[Any, Any], Iterable[Task] | None],
     *,
     make: Make,
     engine: Engine | None,
     most: int,
     deadline: Deadline,
-    given_up: Callable[[Any], Any],
 ) -> None:
     """Do tasks in their order, as far as there is room, until all are done.
 
@@ -86,7 +82,8 @@ def run_tasks(
     ----------
     tasks : iterable of Task
     take : callable
-        Told of each result here, in this process; returns further tasks, which come next, or None to begin no more.
+        Told of each key and result here, in this process; the result is None where a task took its worker down several
+        times. Returns further tasks, which come next, or None to begin no more.
     make : callable
         Makes the function that does the tasks: here, or once on each worker, where it comes pickled.
     engine : Engine or None
@@ -95,8 +92,6 @@ def run_tasks(
         Workers that can be of use: the number of all tasks, also of those that follow.
     deadline : Deadline
         Tasks end by themselves when it passes; how long they may take to say so is limited here.
-    given_up : callable
-        The result of a task, by its key, that took its worker down several times.
 
     Raises
     ------
@@ -109,34 +104,34 @@ def run_tasks(
     if engine is None:
         results = _done_here(waiting, make, deadline)
     else:
-        results = _done_on_engine(waiting, engine, make, most, deadline, given_up)
+        results = _done_on_engine(waiting, engine, make, most, deadline)
     with contextlib.suppress(KeyboardInterrupt):
-        for result in results:
-            following = take(result)
+        for key, result in results:
+            following = take(key, result)
             waiting[:] = [] if following is None else [*waiting, *list(following)[::-1]]
 
 
-def _done_here(waiting: list[Task], make: Make, deadline: Deadline) -> Iterator[Any]:
-    """The results of tasks; others may follow from each."""
+def _done_here(waiting: list[Task], make: Make, deadline: Deadline) -> Iterator[tuple[Any, Any]]:
+    """Keys and results of tasks; others may follow from each."""
     solve, begun = make(), False
     while waiting and not (begun and deadline.has_passed):
-        begun = True
-        yield solve(*waiting.pop().arguments, deadline=deadline)
+        task, begun = waiting.pop(), True
+        yield task.key, solve(*task.arguments, deadline=deadline)
 
 
 def _done_on_engine(
-    waiting: list[Task], engine: Engine, make: Make, most: int, deadline: Deadline, given_up: Callable[[Any], Any]
-) -> Iterator[Any]:
-    """The results of tasks; at most one is begun at each place, since time passes."""
+    waiting: list[Task], engine: Engine, make: Make, most: int, deadline: Deadline
+) -> Iterator[tuple[Any, Any]]:
+    """Keys and results of tasks; at most one is begun at each place, since time passes."""
     idle = list(range(engine.places(most)))[::-1]
-    spec = engine.sent(_SolverSpec(make), "what solves the cases", "workers=1")
+    spec = packed("what solves the cases", _Solver(make), "workers=1")
     requests: list[Request] = []
 
     def begin() -> None:
         while waiting and idle:
             task = waiting.pop()
-            arguments = pickle.dumps((deadline.left, *task.arguments), pickle.HIGHEST_PROTOCOL)
-            requests.append(Request("solver", spec, "solve", arguments, task.key, idle.pop()))
+            at_place = Request("solver", spec, idle.pop(), task.key)
+            requests.append(at_place.calling("solve", (deadline.left, *task.arguments)))
 
     with engine:
         engine.deaths.clear()
@@ -145,27 +140,25 @@ def _done_on_engine(
         for request, reply in engine.replies(requests, deadline.earlier_by(-SECONDS_TO_ANSWER)):
             idle.append(request.place)
             if isinstance(reply, AgentFailure):
-                yield given_up(request.label)
+                yield request.label, None
             elif reply.raised:
                 raise reply.error(Exception, PyRobocopError(f"a task raised {reply.raised}"), "a worker")
             else:
-                yield reply.value
-            if not engine.agreed(deadline.has_passed):
+                yield request.label, reply.value
+            if not deadline.has_passed:
                 begin()
 
 
-@dataclass(frozen=True)
-class _SolverSpec:
-    """How the solver of a study is made on a worker; it is an agent without a state."""
+@dataclass
+class _Solver:
+    """What does the tasks of a study on a worker, where it is made: an agent without a state."""
 
     make: Make
-    name: str = "solver"
 
-    def build(self) -> Any:
-        solve = self.make()
+    def build(self) -> _Solver:
+        self._do = self.make()
+        return self
 
-        def in_time(left: float | None, *arguments: Any) -> Any:
-            """Do a task, in the seconds that are left."""
-            return solve(*arguments, deadline=Deadline.after(left))
-
-        return SimpleNamespace(solve=in_time)
+    def solve(self, left: float | None, *arguments: Any) -> Any:
+        """Do a task, in the seconds that are left."""
+        return self._do(*arguments, deadline=Deadline.after(left))

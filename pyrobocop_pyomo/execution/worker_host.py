@@ -37,28 +37,33 @@ class Request:
     agent : str
     spec : bytes or HostedSpec
         By which it is built where it is not there yet; pickled where it travels.
+    place : int
+        Where it is done.
+    label : object
+        By which deaths of its worker are counted.
+    state : tuple of int and bytes or None
+        That the agent is to be in: how many requests have changed it; and the state itself, pickled, where any has.
     method : str
         Of its problem.
     arguments : bytes
         Pickled.
-    label : object
-        What this is counted by when its worker dies.
-    place : int
-        Where it is done.
-    state : tuple of int and bytes or None
-        That the agent is to be in: how many requests have changed it; and the state itself, pickled, where any has.
     with_state : bool
         Whether the state afterwards is wanted as well.
     """
 
     agent: str
     spec: bytes | HostedSpec
-    method: str
-    arguments: bytes
-    label: Any
     place: int
+    label: Any
     state: tuple[int, bytes | None] = (0, None)
+    method: str = ""
+    arguments: bytes = b""
     with_state: bool = False
+
+    def calling(self, method: str, arguments: tuple[Any, ...], with_state: bool = False) -> Request:
+        """The request to call a method."""
+        packed_arguments = pickle.dumps(arguments, pickle.HIGHEST_PROTOCOL)
+        return replace(self, method=method, arguments=packed_arguments, with_state=with_state)
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,8 @@ from tiny_agents import NAMES, SPECS, TinyOrder, TinySpec, contradiction, missin
 from pyrobocop_pyomo.errors import EngineError, ModelError
 from pyrobocop_pyomo.execution import worker_host
 from pyrobocop_pyomo.execution.engine import AgentFailure, Engine
-from pyrobocop_pyomo.execution.engines import find_engine
+from pyrobocop_pyomo.execution.engines import NEEDED, SerialEngine, find_engine
 from pyrobocop_pyomo.execution.process_engine import ProcessEngine
-from pyrobocop_pyomo.execution.serial_engine import SerialEngine
 from pyrobocop_pyomo.execution.tasks import Task, run_tasks
 from pyrobocop_pyomo.execution.worker_host import Answer, Request, WorkerHost
 from pyrobocop_pyomo.modeling.deadline import Deadline
@@ -85,18 +84,16 @@ def doubled(engine: Engine | None) -> tuple[set[int], set[str]]:
     results: set[int] = set()
     given_up: set[str] = set()
 
-    def take(result: int | str) -> list[Task]:
-        if isinstance(result, str):
-            given_up.add(result)
+    def take(key: str, result: int | None) -> list[Task]:
+        if result is None:
+            given_up.add(key)
             return []
         assert result not in results
         results.add(result)
         return [Task(str(result), (result,))] if result < 60 else []
 
     tasks = [Task(str(number), (number,)) for number in (1, 3, 5, 7)]
-    run_tasks(
-        tasks, take, make=doubling, engine=engine, most=9, deadline=Deadline.after(None), given_up=lambda key: key
-    )
+    run_tasks(tasks, take, make=doubling, engine=engine, most=9, deadline=Deadline.after(None))
     return results, given_up
 
 
@@ -198,7 +195,7 @@ def test_a_builder_without_a_name_travels_by_value_or_is_refused(monkeypatch: py
 
 
 def test_what_a_worker_cannot_read_is_told() -> None:
-    found = WorkerHost().answer(Request("a", b"cno_such_module\nbuilder\n.", "facts", b"", "a", 0))
+    found = WorkerHost().answer(Request("a", b"cno_such_module\nbuilder\n.", 0, "a", method="facts"))
     assert found.raised
     assert "cannot read what was sent to it (ModuleNotFoundError" in found.raised
 
@@ -241,7 +238,6 @@ def test_unknown_agents_methods_and_engines() -> None:
 
 @pytest.mark.parametrize(("engine", "extra"), [("dask", r"\[dask\]"), ("mpi", r"\[mpi\]")])
 def test_an_engine_that_is_not_installed(monkeypatch: pytest.MonkeyPatch, engine: str, extra: str) -> None:
-    module, available = {"dask": ("executor_engine", "distributed"), "mpi": ("mpi_engine", "mpi")}[engine]
-    monkeypatch.setattr(f"pyrobocop_pyomo.execution.{module}.{available}_available", False)
+    monkeypatch.setitem(NEEDED, engine, ("its package", False))
     with pytest.raises(EngineError, match=f"engine '{engine}': .* not installed. Run: .*{extra}"):
         find_engine(engine)

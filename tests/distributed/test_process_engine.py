@@ -26,6 +26,7 @@ from tiny_agents import (
 
 from pyrobocop_pyomo.errors import EngineError, ModelError
 from pyrobocop_pyomo.execution.engine import AgentFailure
+from pyrobocop_pyomo.execution.engines import SerialEngine
 from pyrobocop_pyomo.execution.process_engine import ProcessEngine
 
 pytestmark = [
@@ -88,6 +89,19 @@ def test_a_stopped_worker_costs_its_time_and_nothing_else() -> None:
         assert play(engine, 5, stop_in_round(2, stopped)) == expected
         assert engine.deaths == {"a": 1}
         assert not is_alive(stopped)
+
+
+def test_a_stopped_worker_need_not_even_read_what_it_is_sent() -> None:
+    specs, order = [TinySpec("a", data=(0, 1_000_000))], {"a": TinyOrder(np.zeros(1))}
+    values = []
+    for engine in (SerialEngine(), ProcessEngine(workers=1, answer_within=2.0)):
+        with engine:
+            engine.start(specs)
+            engine.solve(order)
+            for stopped in worker_ids():
+                os.kill(stopped, signal.SIGSTOP)
+            values.append(engine.solve(order)["a"].values)
+    assert np.array_equal(*values)
 
 
 @pytest.mark.ctrl_c

@@ -14,7 +14,7 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.execution.engine import Engine
-from pyrobocop_pyomo.execution.serial_engine import SerialEngine
+from pyrobocop_pyomo.execution.engines import SerialEngine
 
 
 def noise(seed: int, size: int) -> np.ndarray:
