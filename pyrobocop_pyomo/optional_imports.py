@@ -38,6 +38,7 @@ distributed, distributed_available = attempt_import("distributed", error_message
 mpi, mpi_available = attempt_import(
     "mpi4py.MPI", error_message=_remedy("mpi4py", "mpi"), catch_exceptions=(ImportError, RuntimeError)
 )
+mpi_futures, _ = attempt_import("mpi4py.futures", error_message=_remedy("mpi4py", "mpi"))
 # Of Pyomo itself, but it takes its time.
 parmest_models, _ = attempt_import("pyomo.contrib.parmest.utils.model_utils")
 shapely, shapely_available = attempt_import("shapely", error_message=_remedy("Shapely", "shapes"))

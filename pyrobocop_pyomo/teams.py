@@ -12,20 +12,18 @@ from pyrobocop_pyomo.distributed.sova import Sova
 from pyrobocop_pyomo.distributed.team_horizon import TeamHorizon
 from pyrobocop_pyomo.distributed.team_result import TeamResult
 from pyrobocop_pyomo.errors import removed_names
-from pyrobocop_pyomo.execution.dask_engine import DaskEngine
 from pyrobocop_pyomo.execution.engine import Engine
 from pyrobocop_pyomo.execution.engines import SerialEngine
-from pyrobocop_pyomo.execution.mpi_engine import MpiEngine
+from pyrobocop_pyomo.execution.executor_engine import ExecutorEngine
 from pyrobocop_pyomo.execution.process_engine import ProcessEngine
 
 __all__ = [
     "BarrierPath",
     "Checkpoint",
     "Closing",
-    "DaskEngine",
     "Engine",
+    "ExecutorEngine",
     "Hub",
-    "MpiEngine",
     "ProcessEngine",
     "Round",
     "SerialEngine",
@@ -42,6 +40,7 @@ __getattr__ = removed_names(
         "penalties=None": "ConstantPenalties",
         "closing=Closing(), which ends what rounds do not": "PenaltyRestart",
         "copy it from benchmarks/rod_teams.py": "SimulatedNetwork",
+        "ExecutorEngine(executor, workers), engine='dask' or engine='mpi'": "DaskEngine MpiEngine",
         "TargetedPenalties": "BalancedPenalties GrowingPenalties",
     },
 )

@@ -378,10 +378,7 @@ class _Rounds:
     # ---------------------------------------------------------------- checkpoints
 
     def _save(self, path: Path, mark: str, state: TeamState) -> None:
-        engine = self._work.engine
-        states = engine.states()
-        if engine.writes_files:
-            Checkpoint(state.round, mark, states, state.arrays()).save(path)
+        Checkpoint(state.round, mark, self._work.engine.states(), state.arrays()).save(path)
 
     def _resume(self, path: Path, mark: str) -> TeamState:
         saved = Checkpoint.load(path, mark)

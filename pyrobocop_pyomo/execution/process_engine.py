@@ -9,13 +9,13 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator, Mapping
-from multiprocessing import forkserver
+from concurrent.futures import Future, ThreadPoolExecutor
 from multiprocessing.connection import Connection
 from typing import Any
 
 from pyrobocop_pyomo.errors import EngineError
 
-from .homes import AnswerOrEnd, EngineWithHomes, Home
+from .engine import Engine
 from .worker_host import Answer, Request, WorkerHost
 
 # One thread each: the processes are the parallelism, and pools of threads would fight over the cores, and change the
@@ -25,22 +25,16 @@ UNPROTECTED = (
     "Processes read the script again, so it has to protect what starts them: "
     "put the call under 'if __name__ == \"__main__\":'."
 )
-_PRELOADED = ["pyrobocop_pyomo", "pyrobocop_pyomo.execution.worker_imports", __name__]
-_READY = "ready"
 _SECONDS_TO_END = 2.0
 
 
-class WorkerProcess(Home):
+class WorkerProcess:
     """A process with a host, connected by a pipe.
 
     Parameters
     ----------
     number : int
         For its name.
-
-    Attributes
-    ----------
-    connection : Connection
 
     Raises
     ------
@@ -49,17 +43,13 @@ class WorkerProcess(Home):
     """
 
     def __init__(self, number: int) -> None:
-        if getattr(multiprocessing.current_process(), "_inheriting", False):
-            raise EngineError(UNPROTECTED)
-        super().__init__()
-        with _inherited_by_processes():
+        check_protection()
+        with inherited_by_processes():
             context = _process_context()
-            self.connection, theirs = context.Pipe()
-            environment = {**ONE_THREAD, **os.environ}
-            self.process = context.Process(
-                target=_serve, args=(theirs, environment), daemon=True, name=f"worker-{number}"
-            )
-            self.process.start()
+            self._connection, theirs = context.Pipe()
+            self._process = context.Process(target=_serve, args=(theirs, dict(os.environ)), name=f"worker-{number}")
+            self._process.daemon = True
+            self._process.start()
         theirs.close()  # so that the end of the process is the end of the pipe
 
     def wait_until_ready(self) -> None:
@@ -71,42 +61,45 @@ class WorkerProcess(Home):
             When it has ended before.
         """
         try:
-            assert self.connection.recv() == _READY
+            self._connection.recv()
         except (EOFError, OSError):
-            self.process.join(_SECONDS_TO_END)
-            raise EngineError(
-                f"engine 'process': a worker ended before it was ready (exit code {self.process.exitcode}). "
-                f"{UNPROTECTED}"
-            ) from None
+            ended = f"a worker ended before it was ready: {self._end_in_words()}"
+            raise EngineError(f"engine 'process': {ended}. {UNPROTECTED}") from None
 
-    def ask(self, request: Request) -> AnswerOrEnd:
-        """Have a request answered; where the process has ended, gives how, with its exit code or signal."""
-        with contextlib.suppress(EOFError, OSError):
-            self.connection.send(request)
-            answer: Answer = self.connection.recv()
+    def answer(self, request: Request, limit: float) -> Answer:
+        """Have a request answered, in so many seconds.
+
+        Raises
+        ------
+        ConnectionError
+            When the process has ended, or an agent does not answer; it says so in words.
+        """
+        silent = threading.Timer(limit, self._process.kill)
+        silent.start()
+        try:
+            self._connection.send(request)
+            answer: Answer = self._connection.recv()
             return answer
-        self.process.join(_SECONDS_TO_END)
-        code = self.process.exitcode
+        except (EOFError, OSError):
+            late = "" if silent.is_alive() else f"no answer within {limit} s: "
+            raise ConnectionError(late + self._end_in_words()) from None
+        finally:
+            silent.cancel()
+
+    def _end_in_words(self) -> str:
+        self._process.join(_SECONDS_TO_END)
+        code = self._process.exitcode
         if code is not None and code < 0:
-            return f"process {self.process.pid} was ended by signal {-code} ({signal.Signals(-code).name})"
-        return f"process {self.process.pid} ended with exit code {code}"
+            return f"process {self._process.pid} was ended by signal {-code} ({signal.Signals(-code).name})"
+        return f"process {self._process.pid} ended with exit code {code}"
 
     def kill(self) -> None:
-        """End the process, whatever it does."""
-        self.process.kill()
-
-    def end(self) -> None:
-        """Wait until it has ended, which it does with the connection."""
-        super().end()
-        self.connection.close()
-        self.process.join(_SECONDS_TO_END)
-        if self.process.is_alive():
-            self.process.kill()
-            self.process.join()
-        self.process.close()
+        """End it, whatever it does; who waits for an answer is told."""
+        self._process.kill()
+        self._process.join()
 
 
-class ProcessEngine(EngineWithHomes[WorkerProcess]):
+class ProcessEngine(Engine):
     """Processes on this machine, each connected by a pipe.
 
     They are no copies of this process: a script that starts them protects its start with
@@ -115,21 +108,63 @@ class ProcessEngine(EngineWithHomes[WorkerProcess]):
     Parameters
     ----------
     workers : int, optional
-        Number of processes; agents are dealt out to them in turn. By default one for each agent, but no more than there
-        are processors.
-    deaths_allowed, answer_within
+        Number of processes. By default one for each agent, but no more than there are processors.
+    deaths_allowed
         As of `Engine`.
+    answer_within : float
+        Seconds after which a process counts as dead whose agent has not answered.
 
     Raises
     ------
     EngineError
-        When `workers` is no such number.
+        When one of these is no such number.
     """
 
     name = "process"
 
-    def _make_home(self, number: int) -> WorkerProcess:
-        return WorkerProcess(number)
+    def __init__(self, workers: int | None = None, *, deaths_allowed: int = 2, answer_within: float = 600.0) -> None:
+        super().__init__(workers, deaths_allowed=deaths_allowed)
+        if not answer_within > 0:
+            raise EngineError(f"engine 'process': answer_within = {answer_within!r}; expected a positive number.")
+        self.answer_within = answer_within
+        self._processes: list[WorkerProcess] = []
+
+    def open(self, places: int) -> None:
+        """Start processes, side by side."""
+        self._threads = ThreadPoolExecutor(places)  # each waits for an answer, so that no pipe is ever full
+        for place in range(places):
+            self._processes.append(WorkerProcess(place))
+        for process in self._processes:
+            process.wait_until_ready()
+
+    def submit(self, request: Request) -> Future[Answer]:
+        """Have a request answered by the process of its place."""
+        # Agents are those that have a state; what a study does may take as long as it likes.
+        limit = self.answer_within if request.with_state else threading.TIMEOUT_MAX
+        return self._threads.submit(self._processes[request.place].answer, request, limit)
+
+    def replace_worker(self, place: int, error: Exception) -> str:
+        """Start another process."""
+        self._processes[place].kill()
+        self._processes[place] = WorkerProcess(place)
+        self._processes[place].wait_until_ready()
+        return str(error)
+
+    def close(self) -> None:
+        """End all processes."""
+        while self._processes:
+            self._processes.pop().kill()
+
+
+def check_protection() -> None:
+    """Refuse to start processes in one that is just reading the script again.
+
+    Raises
+    ------
+    EngineError
+    """
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        raise EngineError(UNPROTECTED)
 
 
 def _process_context() -> Any:
@@ -141,16 +176,14 @@ def _process_context() -> Any:
     if not sys.platform.startswith("linux"):
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(_PRELOADED)
-    forkserver.ensure_running()
+    context.set_forkserver_preload(["pyrobocop_pyomo", "pyrobocop_pyomo.execution.worker_imports", __name__])
     return context
 
 
 def _serve(connection: Connection, environment: Mapping[str, str]) -> None:
     """What a worker does all its life."""
     # The server was started with the environment of another time.
-    for name in set(os.environ) - set(environment):
-        del os.environ[name]
+    os.environ.clear()
     os.environ.update(environment)
     # On a terminal Ctrl-C reaches every process; here it means something to a running solve only, which puts its own
     # handler in place of this one.
@@ -158,7 +191,7 @@ def _serve(connection: Connection, environment: Mapping[str, str]) -> None:
     threading.Thread(target=_end_with_parent, daemon=True).start()
     host = WorkerHost()
     with contextlib.suppress(EOFError, OSError):
-        connection.send(_READY)
+        connection.send("ready")
         while True:
             connection.send(host.answer(connection.recv()))
 
@@ -172,7 +205,7 @@ def _end_with_parent() -> None:
 
 
 @contextlib.contextmanager
-def _inherited_by_processes() -> Iterator[None]:
+def inherited_by_processes() -> Iterator[None]:
     """Let processes that start in here, and what a server that does so starts later, ignore Ctrl-C and have one thread.
 
     Signals are the main thread's: of another one processes inherit what they are.

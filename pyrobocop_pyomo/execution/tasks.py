@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import contextlib
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
-from types import SimpleNamespace
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
-from pyrobocop_pyomo.errors import EngineError, ModelError, PyRobocopError
+from pyrobocop_pyomo.errors import ModelError, PyRobocopError
 from pyrobocop_pyomo.modeling.deadline import Deadline
 
-from .engine import Engine
-from .engines import SerialEngine, find_engine
-from .homes import available_cores
+from .engine import AgentFailure, Engine, available_cores
+from .engines import find_engine
 from .process_engine import ProcessEngine
-from .worker_host import Answer, Lost, Request
+from .worker_host import Request, packed
 
 SECONDS_TO_ANSWER = 0.5  # after the deadline, which tasks keep by themselves
 GIVEN_UP = "its process ended abruptly, several times"
@@ -37,7 +34,6 @@ class Task:
     arguments: tuple[Any, ...]
 
 
-Take = Callable[[Any], "Iterable[Task] | None"]
 Make = Callable[[], Callable[..., Any]]
 
 
@@ -66,18 +62,17 @@ def study_engine(workers: Any, engine: str | Engine | None) -> Engine | None:
     if workers != 1:
         raise ModelError(f"workers = {workers!r} and an engine: give one of them; an engine has workers of its own.")
     engine = find_engine(engine)
-    return None if isinstance(engine, SerialEngine) else engine
+    return None if engine.name == "serial" else engine
 
 
 def run_tasks(
     tasks: Iterable[Task],
-    take: Take,
+    take: Callable[[Any, Any], Iterable[Task] | None],
     *,
     make: Make,
     engine: Engine | None,
     most: int,
     deadline: Deadline,
-    given_up: Callable[[Task], Any],
 ) -> None:
     """Do tasks in their order, as far as there is room, until all are done.
 
@@ -87,7 +82,8 @@ def run_tasks(
     ----------
     tasks : iterable of Task
     take : callable
-        Told of each result here, in this process; returns further tasks, which come next, or None to begin no more.
+        Told of each key and result here, in this process; the result is None where a task took its worker down several
+        times. Returns further tasks, which come next, or None to begin no more.
     make : callable
         Makes the function that does the tasks: here, or once on each worker, where it comes pickled.
     engine : Engine or None
@@ -96,107 +92,73 @@ def run_tasks(
         Workers that can be of use: the number of all tasks, also of those that follow.
     deadline : Deadline
         Tasks end by themselves when it passes; how long they may take to say so is limited here.
-    given_up : callable
-        The result of a task that took its worker down several times.
 
     Raises
     ------
     EngineError
-        When workers cannot be started, or do not stay until their solver is made.
+        When workers cannot be started.
     Exception
         What a task raises.
     """
-    run = _TaskRun(list(tasks)[::-1], take, deadline, given_up)
+    waiting = list(tasks)[::-1]  # the next one last
+    if engine is None:
+        results = _done_here(waiting, make, deadline)
+    else:
+        results = _done_on_engine(waiting, engine, make, most, deadline)
     with contextlib.suppress(KeyboardInterrupt):
-        if engine is None:
-            run.here(make())
-        else:
-            with engine:
-                run.on_engine(engine, make, most)
+        for key, result in results:
+            following = take(key, result)
+            waiting[:] = [] if following is None else [*waiting, *list(following)[::-1]]
+
+
+def _done_here(waiting: list[Task], make: Make, deadline: Deadline) -> Iterator[tuple[Any, Any]]:
+    """Keys and results of tasks; others may follow from each."""
+    solve, begun = make(), False
+    while waiting and not (begun and deadline.has_passed):
+        task, begun = waiting.pop(), True
+        yield task.key, solve(*task.arguments, deadline=deadline)
+
+
+def _done_on_engine(
+    waiting: list[Task], engine: Engine, make: Make, most: int, deadline: Deadline
+) -> Iterator[tuple[Any, Any]]:
+    """Keys and results of tasks; at most one is begun at each place, since time passes."""
+    idle = list(range(engine.places(most)))[::-1]
+    spec = packed("what solves the cases", _Solver(make), "workers=1")
+    requests: list[Request] = []
+
+    def begin() -> None:
+        while waiting and idle:
+            task = waiting.pop()
+            at_place = Request("solver", spec, idle.pop(), task.key)
+            requests.append(at_place.calling("solve", (deadline.left, *task.arguments)))
+
+    with engine:
+        engine.deaths.clear()
+        engine.open(len(idle))
+        begin()
+        for request, reply in engine.replies(requests, deadline.earlier_by(-SECONDS_TO_ANSWER)):
+            idle.append(request.place)
+            if isinstance(reply, AgentFailure):
+                yield request.label, None
+            elif reply.raised:
+                raise reply.error(Exception, PyRobocopError(f"a task raised {reply.raised}"), "a worker")
+            else:
+                yield request.label, reply.value
+            if not deadline.has_passed:
+                begin()
 
 
 @dataclass
-class _TaskRun:
-    """The state of one call; on an engine, whose agents are workers that differ in nothing but their names."""
+class _Solver:
+    """What does the tasks of a study on a worker, where it is made: an agent without a state."""
 
-    waiting: list[Task]  # the next one last
-    take: Take
-    deadline: Deadline
-    given_up: Callable[[Task], Any]
-    idle: list[str] = field(default_factory=list)
-    running: dict[str, Task] = field(default_factory=dict)
-    deaths: Counter[Any] = field(default_factory=Counter)
-    begun: bool = False
-
-    def here(self, solve: Callable[..., Any]) -> None:
-        while self.waiting and not (self.begun and self.deadline.has_passed):
-            self.begun = True
-            self._go_on_after(solve(*self.waiting.pop().arguments, deadline=self.deadline))
-
-    def on_engine(self, engine: Engine, make: Make, most: int) -> None:
-        if not self.waiting:
-            return
-        names = [f"worker {number}" for number in range(engine.places(most))]
-        engine.start(_WorkerSpec(name, make) for name in names)
-        self.idle = names[::-1]
-        self._submit(engine)
-        while self.running:
-            left = self.deadline.left
-            heard = engine.hear(None if left is None else max(left, 0.0) + SECONDS_TO_ANSWER)
-            if heard is None:
-                return  # the end of the engine ends them
-            self._take_all(engine, *heard)
-            self._submit(engine)
-
-    def _submit(self, engine: Engine) -> None:
-        """Only as many as there is room for: time passes, and whose worker dies is known."""
-        if self.waiting and self.begun and engine.agreed(self.deadline.has_passed):
-            self.waiting = []
-        while self.waiting and self.idle:
-            name, task = self.idle.pop(), self.waiting.pop()
-            self.running[name], self.begun = task, True
-            engine.submit(Request.of(name, "solve", self.deadline.left, *task.arguments))
-
-    def _take_all(self, engine: Engine, answers: Mapping[str, Answer], lost: Mapping[str, Lost]) -> None:
-        for name, answer in answers.items():
-            self.idle.append(name)
-            del self.running[name]
-            if answer.raised:
-                raise answer.error(Exception, PyRobocopError(f"a task raised {answer.raised}"), "a worker")
-            self._go_on_after(answer.value)
-        for name, loss in lost.items():
-            if engine.deaths[name] > engine.deaths_allowed:
-                raise EngineError(f"a worker ended while it was started again, several times: {loss.reason}")
-            # The task is to blame, and the worker may go on.
-            del engine.deaths[name]
-            self.idle.append(name)
-            task = self.running.pop(name)
-            self.deaths[task.key] += loss.at_work
-            if self.deaths[task.key] <= engine.deaths_allowed:
-                self.waiting.append(task)
-            else:
-                self._go_on_after(self.given_up(task))
-
-    def _go_on_after(self, result: Any) -> None:
-        following = self.take(result)
-        if following is None:
-            self.waiting = []
-        else:
-            self.waiting += list(following)[::-1]
-
-
-@dataclass(frozen=True)
-class _WorkerSpec:
-    """How the solver of a study is made on a worker; it is an agent without a state."""
-
-    name: str
     make: Make
 
-    def build(self) -> Any:
-        solve = self.make()
+    def build(self) -> _Solver:
+        self._do = self.make()
+        return self
 
-        def in_time(left: float | None, *arguments: Any) -> Any:
-            """Do a task, in the seconds that are left."""
-            return solve(*arguments, deadline=Deadline.after(left))
-
-        return SimpleNamespace(facts=lambda: None, solve=in_time)
+    def solve(self, left: float | None, *arguments: Any) -> Any:
+        """Do a task, in the seconds that are left."""
+        return self._do(*arguments, deadline=Deadline.after(left))

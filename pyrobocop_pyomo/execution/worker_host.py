@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import pickle
 import traceback
-from collections.abc import Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -31,31 +30,40 @@ class HostedSpec(Protocol):
 
 @dataclass(frozen=True)
 class Request:
-    """What one agent is told to do.
+    """What one agent is told to do, with all that it takes to do so on any worker.
 
     Attributes
     ----------
     agent : str
-    task : str
-        A method of its problem, "build" or "process_id".
-    payload : bytes
-        Its arguments, pickled.
+    spec : bytes or HostedSpec
+        By which it is built where it is not there yet; pickled where it travels.
+    place : int
+        Where it is done.
+    label : object
+        By which deaths of its worker are counted.
+    state : tuple of int and bytes or None
+        That the agent is to be in: how many requests have changed it; and the state itself, pickled, where any has.
+    method : str
+        Of its problem.
+    arguments : bytes
+        Pickled.
     with_state : bool
         Whether the state afterwards is wanted as well.
-    state : bytes or None
-        The state that it is put into once it is built, pickled.
     """
 
     agent: str
-    task: str
-    payload: bytes
+    spec: bytes | HostedSpec
+    place: int
+    label: Any
+    state: tuple[int, bytes | None] = (0, None)
+    method: str = ""
+    arguments: bytes = b""
     with_state: bool = False
-    state: bytes | None = None
 
-    @classmethod
-    def of(cls, agent: str, task: str, *arguments: Any, with_state: bool = False) -> Request:
-        """The request with these arguments."""
-        return cls(agent, task, pickle.dumps(arguments, pickle.HIGHEST_PROTOCOL), with_state)
+    def calling(self, method: str, arguments: tuple[Any, ...], with_state: bool = False) -> Request:
+        """The request to call a method."""
+        packed_arguments = pickle.dumps(arguments, pickle.HIGHEST_PROTOCOL)
+        return replace(self, method=method, arguments=packed_arguments, with_state=with_state)
 
 
 @dataclass(frozen=True)
@@ -66,8 +74,8 @@ class Answer:
     ----------
     payload : bytes or None
         The value, pickled; of an agent that raised an exception that, where it can be sent.
-    state : bytes or None
-        The state afterwards, pickled, where it was wanted.
+    state : tuple of int and bytes, or None
+        The state afterwards, as in a `Request`, where it was wanted.
     raised : str
         Type and text of an exception; empty where there was none.
     traceback : str
@@ -75,19 +83,20 @@ class Answer:
     """
 
     payload: bytes | None
-    state: bytes | None = None
+    state: tuple[int, bytes | None] | None = None
     raised: str = ""
     traceback: str = ""
 
     @classmethod
-    def of_error(cls, error: Exception) -> Answer:
-        """The form in which an exception that is being handled travels."""
+    def of(cls, call: Callable[[], Any]) -> Answer:
+        """What comes of a call: an exception is an answer like any other."""
         try:
-            packed_error = pickle.dumps(error, pickle.HIGHEST_PROTOCOL)
-            pickle.loads(packed_error)  # an exception whose arguments are not those of its class fails here only
-        except Exception:
-            packed_error = None
-        return cls(packed_error, None, f"{type(error).__name__}: {error}", traceback.format_exc())
+            return cls(pickle.dumps(call(), pickle.HIGHEST_PROTOCOL))
+        except Exception as error:
+            payload = None
+            with contextlib.suppress(Exception):
+                payload = pickle.dumps(error, pickle.HIGHEST_PROTOCOL)
+            return cls(payload, None, f"{type(error).__name__}: {error}", traceback.format_exc())
 
     @property
     def value(self) -> Any:
@@ -106,67 +115,48 @@ class Answer:
         place : str
         """
         error = None
-        with contextlib.suppress(ImportError, AttributeError):
+        with contextlib.suppress(Exception):  # whose arguments are not those of its class, it fails here only
             error = self.value
         error = error if isinstance(error, kinds) else instead
         error.__cause__ = RuntimeError(f"in {place}\n{self.traceback}")
         return error
 
 
-@dataclass(frozen=True)
-class Lost:
-    """An agent whose home has ended before it answered.
-
-    Attributes
-    ----------
-    reason : str
-    at_work : bool
-        Whether it was at work at that time, so that it may be the cause.
-    """
-
-    reason: str
-    at_work: bool
-
-
 class WorkerHost:
     """Keeps agents and answers requests.
 
-    One lives in every worker, and one in the coordinator's process for the serial engine. An exception of an agent is
-    an answer like any other: nothing that an agent does ends its host, except to end the process.
-
-    Parameters
-    ----------
-    specs : mapping of agent's name to HostedSpec, optional
-        Of agents that are built where they are known, and need not be sent.
+    One lives in every worker, and one in the coordinator's process for the serial engine. Nothing that an agent does
+    ends its host, except to end the process.
     """
 
-    def __init__(self, specs: Mapping[str, HostedSpec] | None = None) -> None:
-        self._specs = dict(specs or {})
-        self._problems: dict[str, Any] = {}
+    def __init__(self) -> None:
+        self._agents: dict[str, tuple[int, Any]] = {}  # with the number of the state that each is in
 
     def answer(self, request: Request) -> Answer:
         """Do what is required."""
-        try:
-            answer = Answer(pickle.dumps(self._done(request), pickle.HIGHEST_PROTOCOL))
-        except Exception as error:
-            answer = Answer.of_error(error)
-        if not request.with_state:
+        answer = Answer.of(lambda: getattr(self._agent(request), request.method)(*_read(request.arguments)))
+        if not request.with_state or request.agent not in self._agents:
             return answer
         # Half a solve that raised an exception has changed the state as well.
-        state = self.answer(Request.of(request.agent, "state"))
-        return state if state.raised else replace(answer, state=state.payload)
+        (number, _), agent = request.state, self._agents.pop(request.agent)[1]
+        state = Answer.of(agent.state)
+        if state.raised:
+            return state
+        self._agents[request.agent] = number + 1, agent
+        return replace(answer, state=(number + 1, state.payload))
 
-    def _done(self, request: Request) -> Any:
-        if request.task == "process_id":
-            return os.getpid()
-        if request.task != "build":
-            return getattr(self._problems[request.agent], request.task)(*_read(request.payload))
-        self._problems.pop(request.agent, None)  # the old model's memory is free before the new one is built
-        (spec,) = _read(request.payload) or (self._specs[request.agent],)
-        self._problems[request.agent] = problem = spec.build()
-        if request.state is not None:
-            problem.restore(pickle.loads(request.state))
-        return problem.facts()
+    def _agent(self, request: Request) -> Any:
+        """The agent in the state that is required: built where it is not here, restored where it has another state."""
+        number, state = request.state
+        held, agent = self._agents.pop(request.agent, (None, None))
+        if held != number:
+            if agent is None or state is None:
+                agent = None  # the old model's memory is free before the new one is built
+                agent = (_read(request.spec) if isinstance(request.spec, bytes) else request.spec).build()
+            if state is not None:
+                agent.restore(pickle.loads(state))
+        self._agents[request.agent] = number, agent
+        return agent
 
 
 def _read(payload: bytes) -> Any:

@@ -1,7 +1,5 @@
 """What worker processes have in common: imported once by the server that starts them, and copied with it."""
 
-from __future__ import annotations
-
 import contextlib
 
 from pyrobocop_pyomo.errors import PyRobocopError

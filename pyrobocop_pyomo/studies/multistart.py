@@ -97,7 +97,7 @@ def multistart(
         process imports it.
     engine : str or Engine, optional
         Where the starts are solved instead: ``"process"``, ``"dask"``, ``"mpi"`` or an object of `rcp.teams`, as for
-        teams. With ``"mpi"`` every rank calls this function with the same arguments, and all get the same answer.
+        teams.
     time_limit : float, optional
         Seconds, for all starts together.
     progress : bool, optional

@@ -33,8 +33,6 @@ class OutcomeFile:
         Made where it does not exist, together with its folder.
     sweep : mapping
         What a sweep that goes on has to share with the one that made the file: facts that fit into JSON.
-    writes : bool
-        Whether this process writes it; with MPI one rank does, and the others only read what is there.
 
     Attributes
     ----------
@@ -47,13 +45,13 @@ class OutcomeFile:
         When the file is something else, or of another sweep.
     """
 
-    def __init__(self, path: str | Path, sweep: Mapping[str, Any], *, writes: bool = True) -> None:
-        self._path, self._writes = Path(path), writes
+    def __init__(self, path: str | Path, sweep: Mapping[str, Any]) -> None:
+        self._path = Path(path)
         self.records: dict[str, Mapping[str, Any]] = {}
         head = {**_HEAD, **sweep}
         if self._path.exists() and self._path.stat().st_size:
             self._read(head)
-        elif writes:
+        else:
             self._path.parent.mkdir(parents=True, exist_ok=True)
             self._append(head)
 
@@ -74,7 +72,7 @@ class OutcomeFile:
                 f"{self._path}: is of another sweep: {different[0]!r} is {found.get(different[0])!r} there and "
                 f"{head.get(different[0])!r} here. Remove the file, or name another one."
             )
-        if whole < len(content) and self._writes:
+        if whole < len(content):
             with self._path.open("rb+") as file:
                 file.truncate(whole)
         if not whole:
@@ -85,8 +83,6 @@ class OutcomeFile:
         self._append({"key": key, **record})
 
     def _append(self, facts: Mapping[str, Any]) -> None:
-        if not self._writes:
-            return
         checksum = zlib.crc32(json.dumps(facts).encode())
         with self._path.open("ab") as file:
             file.write((json.dumps({**facts, "crc32": checksum}) + "\n").encode())

@@ -77,7 +77,7 @@ def sweep(
         functions of a notebook have to be imported from a file.
     engine : str or Engine, optional
         Where the cases are solved instead: ``"process"``, ``"dask"``, ``"mpi"`` or an object of `rcp.teams`, as for
-        teams. With ``"mpi"`` every rank calls this function with the same arguments, and all get the same answer.
+        teams.
     file : str or Path, optional
         Where outcomes are written as they come. A sweep that finds its file goes on behind what is in it, also after a
         crash, and gives the same table.
@@ -116,11 +116,9 @@ def sweep(
         )
     parents = starting_cases(listed, start_from)
     best_backend()  # raises with the remedies where there is none, once and not for every case
-    writes_files = running is None or running.writes_files
-    bar = Progress(progress if writes_files else False)
-    study = _Sweep(listed, parents, Deadline.after(time_limit), time_limit_per_case, bar)
+    study = _Sweep(listed, parents, Deadline.after(time_limit), time_limit_per_case, Progress(progress))
     if file is not None:
-        study.go_on_behind(file, options, writes=writes_files)
+        study.go_on_behind(file, options)
     local = CaseSolver(model, put, read, options) if running is None or isinstance(model, BlockData) else None
     try:
         if local is not None and put is None and isinstance(model, BlockData):
@@ -159,14 +157,14 @@ class _Sweep:
     _begun: set[int] = field(default_factory=set)
     _started: float = field(default_factory=time.perf_counter)
 
-    def go_on_behind(self, file: str | Path, options: Mapping[str, Any], *, writes: bool) -> None:
+    def go_on_behind(self, file: str | Path, options: Mapping[str, Any]) -> None:
         """Take what is in a file, and write there what comes."""
         seen: Counter[str] = Counter()  # equal cases are told apart; another case before them changes no key
         for case in self.cases:
             key = fingerprint([case.data])
             self._keys.append(f"{key}.{seen[key]}")
             seen[key] += 1
-        self._file = OutcomeFile(file, {"options": fingerprint([{**options}])}, writes=writes)
+        self._file = OutcomeFile(file, {"options": fingerprint([{**options}])})
         for case, key in zip(self.cases, self._keys, strict=True):
             if key in self._file.records:
                 self.done[case.number] = outcome_from_json(case, self._file.records[key])
@@ -190,7 +188,6 @@ class _Sweep:
         """Solve each case as soon as its neighbour is done, until all is done, the time is over or Ctrl-C comes."""
         run_tasks(
             self._tasks(), self._take, make=make, engine=engine, most=len(self.cases), deadline=self.deadline,
-            given_up=lambda task: Outcome(case=self.cases[task.key], error=GIVEN_UP),
         )  # fmt: skip
 
     def _tasks(self) -> list[Task]:
@@ -203,8 +200,9 @@ class _Sweep:
         self._begun.update(ready)
         return [Task(number, (self.cases[number], self._near(number), self.limit)) for number in ready]
 
-    def _take(self, outcome: Outcome) -> list[Task] | None:
+    def _take(self, number: int, outcome: Outcome | None) -> list[Task] | None:
         """Keep an outcome."""
+        outcome = outcome or Outcome(case=self.cases[number], error=GIVEN_UP)
         self.done[outcome.case.number] = outcome
         interrupted = outcome.result is not None and outcome.result.stop_reason is StopReason.INTERRUPTED
         # What Ctrl-C or the end of the time cut short is solved again by a sweep that goes on.

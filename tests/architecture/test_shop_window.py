@@ -37,7 +37,7 @@ PUBLIC = {
         hybrid_a_star parking_model plan_vehicles sampled_path signed_distance waypoint_initial_guess
     """,
     "teams": """
-        BarrierPath Checkpoint Closing DaskEngine Engine Hub MpiEngine ProcessEngine Round
+        BarrierPath Checkpoint Closing Engine ExecutorEngine Hub ProcessEngine Round
         SerialEngine Sova TargetedPenalties TeamHorizon TeamResult
     """,
     "estimation": "DataSet EstimationProblem FitStatistics MovingHorizon statistics_of",

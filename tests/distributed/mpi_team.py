@@ -1,11 +1,11 @@
-"""Run by `mpiexec`: a team with a checkpoint after every round, and a death where it is asked for."""
+"""Run by `mpiexec`: a team with a checkpoint after every round, and the death of a worker where it is wanted."""
 
-import json
 import os
-import signal
 import sys
 from pathlib import Path
 
+from harness.mpi import tell
+from mpi4py.futures import MPIPoolExecutor
 from pushing_team import pushing_team
 
 import pyrobocop_pyomo as rcp
@@ -13,17 +13,18 @@ import pyrobocop_pyomo as rcp
 
 def main(folder: Path, death: int) -> None:
     """Plan, or go on from the file."""
-    engine = rcp.teams.MpiEngine()
+    executor = MPIPoolExecutor()
 
     def die(record: rcp.teams.Round) -> None:
-        if record.number == death and engine.communicator.rank == 1:
-            os.kill(os.getpid(), signal.SIGKILL)
+        if record.number == death:
+            executor.submit(os.abort).result()
 
     result = pushing_team().solve(
-        rcp.teams.Hub(rounds=8), engine=engine, checkpoint=folder / "team.npz", on_round=die, progress=False
-    )
-    told = {name: values.tolist() for name, values in result.values.items()}
-    (folder / f"rank{engine.communicator.rank}.json").write_text(json.dumps([len(result.rounds), told]))
+        rcp.teams.Hub(rounds=8), engine=rcp.teams.ExecutorEngine(executor, workers=2),
+        checkpoint=folder / "team.npz", on_round=die, progress=False,
+    )  # fmt: skip
+    tell(folder, [len(result.rounds), {name: values.tolist() for name, values in result.values.items()}])
 
 
-main(Path(sys.argv[1]), int(sys.argv[2]))
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), int(sys.argv[2]))

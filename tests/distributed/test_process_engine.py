@@ -21,10 +21,12 @@ from tiny_agents import (
     play_and_kill,
     stop_in_round,
     undisturbed,
+    worker_ids,
 )
 
 from pyrobocop_pyomo.errors import EngineError, ModelError
 from pyrobocop_pyomo.execution.engine import AgentFailure
+from pyrobocop_pyomo.execution.engines import SerialEngine
 from pyrobocop_pyomo.execution.process_engine import ProcessEngine
 
 pytestmark = [
@@ -52,9 +54,11 @@ def test_kill_interrupt_and_failures() -> None:
     """One pair of processes for all of it: their start takes most of the time."""
     engine = ProcessEngine(workers=2)
     assert engine.start(SPECS) == {name: {"name": name, "size": 5} for name in NAMES}
-    ids = play_and_kill(engine)
-    assert engine.process_ids["a"] not in ids.values()
-    assert engine.process_ids["hub"] == ids["hub"]
+    assert len(worker_ids()) == 2
+    (first,), (second,) = worker_ids("worker-0"), worker_ids("worker-1")
+    play_and_kill(engine, second)
+    assert worker_ids("worker-0") == [first]
+    assert worker_ids("worker-1") != [second]
     assert engine.deaths == {"a": 1}  # and not "c", which lives there as well
 
     # Dies at each attempt of one order, and is given up; its neighbour in the same process goes on.
@@ -70,7 +74,8 @@ def test_kill_interrupt_and_failures() -> None:
     failed = engine.solve({"c": TinyOrder(np.ones(5), "raise")})["c"]
     assert (failed.reason, failed.final) == ("ArithmeticError: log(-1)", False)
 
-    remaining = list(set(engine.process_ids.values()))
+    remaining = worker_ids()
+    assert len(remaining) == 2
     engine.stop()
     engine.stop()
     assert ends_within(3, remaining)
@@ -80,10 +85,23 @@ def test_a_stopped_worker_costs_its_time_and_nothing_else() -> None:
     expected, _ = undisturbed(5)
     with ProcessEngine(workers=2, answer_within=1.0) as engine:
         engine.start(SPECS)
-        stopped = engine.process_ids["a"]
+        (stopped,) = worker_ids("worker-1")
         assert play(engine, 5, stop_in_round(2, stopped)) == expected
         assert engine.deaths == {"a": 1}
         assert not is_alive(stopped)
+
+
+def test_a_stopped_worker_need_not_even_read_what_it_is_sent() -> None:
+    specs, order = [TinySpec("a", data=(0, 1_000_000))], {"a": TinyOrder(np.zeros(1))}
+    values = []
+    for engine in (SerialEngine(), ProcessEngine(workers=1, answer_within=2.0)):
+        with engine:
+            engine.start(specs)
+            engine.solve(order)
+            for stopped in worker_ids():
+                os.kill(stopped, signal.SIGSTOP)
+            values.append(engine.solve(order)["a"].values)
+    assert np.array_equal(*values)
 
 
 @pytest.mark.ctrl_c
@@ -92,7 +110,7 @@ def test_ctrl_c_ends_the_workers_in_the_middle_of_a_solve() -> None:
         with pytest.raises(ModelError, match="longer than the field"):
             engine.start([TinySpec("b", contradiction)])
         engine.start(SPECS[:2])
-        ids = list(engine.process_ids.values())
+        ids = worker_ids()
         threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
         with pytest.raises(KeyboardInterrupt):
             engine.solve({"hub": TinyOrder(np.ones(5)), "a": TinyOrder(np.ones(5), "sleep")})
@@ -110,12 +128,12 @@ def test_workers_end_with_a_coordinator_that_is_killed(tmp_path: Path) -> None:
     path.write_text(
         script("""
             import numpy as np
-            from tiny_agents import SPECS, TinyOrder
+            from tiny_agents import SPECS, TinyOrder, worker_ids
             from pyrobocop_pyomo.execution.process_engine import ProcessEngine
             if __name__ == "__main__":
                 engine = ProcessEngine(workers=2)
                 engine.start(SPECS)
-                print(*set(engine.process_ids.values()), flush=True)
+                print(*worker_ids(), flush=True)
                 engine.solve({"a": TinyOrder(np.ones(5), "sleep")})
         """)
     )

@@ -1,8 +1,10 @@
 """Each template does its work: it is taken where a word is, and keeps the contract of its kind."""
 
 import math
+import sys
 from itertools import pairwise
 
+import numpy as np
 import pyomo.environ as pyo
 import pytest
 from hypothesis import assume, given
@@ -10,9 +12,11 @@ from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.complementarity import BarrierSchedule, Grouping, Relaxation, Schedule
+from tests.distributed.tiny_agents import SPECS, TinyOrder, play, undisturbed
 
 from .barrier_schedule import PowerOfBarrier
 from .collocation_scheme import chebyshev
+from .engine import CommandEngine
 from .grouping import PerComponent
 from .relaxation import FischerBurmeister
 from .schedule import Superlinear
@@ -139,3 +143,21 @@ def test_grouping_solves():
     result = rcp.solve(corner(), strategies=rcp.Strategy(grouping=PerComponent()), backend="casadi")
     result.raise_for_status()
     assert result.objective == pytest.approx(2.0, abs=1e-5)
+
+
+# -------------------------------------------------------------------- engine
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL on Windows")
+def test_engine_gives_the_reports_of_the_serial_one_also_after_deaths():
+    expected, _ = undisturbed(6)
+    with CommandEngine([[sys.executable, "-m", "tests.extension_templates.engine"]] * 2, deaths_allowed=1) as engine:
+        engine.start(SPECS)
+        assert play(engine, 3) == expected[:3]
+        engine._workers[1].kill()
+        assert play(engine, 6, first=3) == expected[3:]
+        assert engine.deaths == {"a": 1}
+        report = engine.solve({"c": TinyOrder(np.ones(5), "die")})["c"]
+        assert "its worker died 2 times; " in report.reason
+        assert report.reason.endswith("ended with exit code -9")

@@ -1,25 +1,21 @@
-"""Run by `mpiexec`: the studies of `test_studies_on_engines.py` on two ranks, with a file of outcomes."""
+"""Run by `mpiexec`: the studies of `test_studies_on_engines.py` with two workers, and with a file of outcomes."""
 
-import json
 import sys
 from functools import partial
 from pathlib import Path
 
 import pyrobocop_pyomo as rcp
-from tests.studies.test_studies_on_engines import PULLS, numbers, put_and_die, spring, started, swept
+from tests.harness.mpi import tell
+from tests.studies.test_studies_on_engines import PULLS, numbers, put_and_die, rows, spring, started, swept
 
 
 def main(folder: Path) -> None:
-    """Write what each rank knows."""
-    engine = rcp.teams.MpiEngine()
-    told = [swept(engine), started(engine)]
-    file = folder / "outcomes.jsonl"
+    """Write what is found."""
     put = partial(put_and_die, None, 0)
-    found = rcp.sweep(spring, PULLS, put=put, read=numbers, engine=engine, file=file, time_limit=100.0)
-    told.append(
-        [[o.name, o.verdict, o.objective, o.numbers, o.values, o.iterations, o.started_from, o.reason] for o in found]
-    )
-    (folder / f"rank{engine.communicator.rank}.json").write_text(json.dumps(told))
+    file = folder / "outcomes.jsonl"
+    found = rcp.sweep(spring, PULLS, put=put, read=numbers, engine="mpi", file=file, time_limit=100.0)
+    tell(folder, [swept("mpi"), started("mpi"), rows(found)])
 
 
-main(Path(sys.argv[1]))
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

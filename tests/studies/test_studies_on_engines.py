@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from harness.mpi import needs_mpiexec, on_two_ranks, told_by_both
+from harness.mpi import needs_mpiexec, on_three_ranks, told
 from test_sweep import PULLS, numbers, spring
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.execution.executor_engine import dask_engine
 from pyrobocop_pyomo.execution.tasks import GIVEN_UP
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL on Windows")
@@ -30,9 +31,11 @@ def put_and_die(folder: str | None, times: int, m: Any, pull: float) -> None:
 
 
 def swept(engine: Any, folder: str | None = None, deaths: int = 0) -> list[Any]:
-    found = rcp.sweep(
-        spring, PULLS, put=partial(put_and_die, folder, deaths), read=numbers, engine=engine, progress=False
-    )
+    put = partial(put_and_die, folder, deaths)
+    return rows(rcp.sweep(spring, PULLS, put=put, read=numbers, engine=engine, progress=False))
+
+
+def rows(found: Any) -> list[Any]:
     return [
         [o.name, o.verdict, o.objective, o.numbers, o.values, o.iterations, o.started_from, o.reason] for o in found
     ]
@@ -54,7 +57,7 @@ def serial() -> list[Any]:
 def engine_of(name: str) -> rcp.teams.Engine:
     if name == "dask":
         pytest.importorskip("distributed")
-        return rcp.teams.DaskEngine(workers=2)
+        return dask_engine(workers=2)
     return rcp.teams.ProcessEngine(workers=2)
 
 
@@ -85,10 +88,10 @@ def test_the_death_of_a_worker_changes_nothing_and_deaths_without_end_one_case(
 @pytest.mark.casadi
 @pytest.mark.slow
 @needs_mpiexec
-def test_every_rank_of_mpi_has_the_results_of_one_process(serial: list[Any], tmp_path: Path) -> None:
+def test_workers_of_mpi_have_the_results_of_one_process(serial: list[Any], tmp_path: Path) -> None:
     pytest.importorskip("mpi4py")
-    assert on_two_ranks(Path(__file__).with_name("mpi_studies.py"), tmp_path) == 0
-    assert told_by_both(tmp_path) == json.loads(json.dumps([*serial, serial[0]]))
+    assert on_three_ranks(Path(__file__).with_name("mpi_studies.py"), tmp_path) == 0
+    assert told(tmp_path) == json.loads(json.dumps([*serial, serial[0]]))
     assert len((tmp_path / "outcomes.jsonl").read_text().splitlines()) == 1 + len(PULLS)
 
 
