@@ -45,7 +45,6 @@ shapely, shapely_available = attempt_import("shapely", error_message=_remedy("Sh
 trimesh, trimesh_available = attempt_import("trimesh", error_message=_remedy("trimesh", "shapes"))
 yourdfpy, yourdfpy_available = attempt_import("yourdfpy", error_message=_remedy("yourdfpy", "robots"))
 pandas, pandas_available = attempt_import("pandas", error_message=_remedy("pandas", "tables"))
-xarray, xarray_available = attempt_import("xarray", error_message=_remedy("xarray", "tables"))
 
 
 class _OrdinaryFinder:

@@ -1,7 +1,6 @@
 """What the user states: declarations, `PhaseBlock`, and the verification of a trajectory by it."""
 
 from .declarations import Algebraic, Control, Declaration, Duration, Law, Parameter, Start, State
-from .mpc_interface import PhaseInterface
 from .phase_block import PhaseBlock
 from .phase_data import PhaseBlockData, note_outcome, phases_of
 from .remeshing import remesh_phases, why_not_remeshed
@@ -16,7 +15,6 @@ __all__ = [
     "Parameter",
     "PhaseBlock",
     "PhaseBlockData",
-    "PhaseInterface",
     "Start",
     "State",
     "Verification",

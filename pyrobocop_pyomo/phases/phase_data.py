@@ -34,7 +34,6 @@ from .families import OneOf, component_declarations, family_names, name_of
 from .horizon import add_horizon, checked_duration, make_mesh, real_time
 from .initial_guesses import set_guesses, set_straight_lines, set_trajectory
 from .integrals import named_integral
-from .mpc_interface import PhaseInterface
 from .phase_values import PhaseValues, expression_values, expressions_over_time
 from .record import AT_BOUNDARIES, PhaseRecord, Statement
 from .reintegration import Reintegration, reintegrate
@@ -665,10 +664,6 @@ class PhaseBlockData(BuiltBlockData):
             When the variable is not of this phase, or the reference or the weight does not cover it.
         """
         return tracking_cost(self, variable, reference, weight)
-
-    def interface(self) -> PhaseInterface:
-        """This phase for `pyomo.contrib.mpc`; see `PhaseInterface`."""
-        return PhaseInterface(self)
 
     # ---------------------------------------------------------------- construction
 

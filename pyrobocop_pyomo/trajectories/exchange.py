@@ -1,4 +1,4 @@
-"""Values on common times in other forms: time series of `pyomo.contrib.mpc`, and files."""
+"""Files of named arrays."""
 
 from __future__ import annotations
 
@@ -15,9 +15,6 @@ from typing import Any
 from uuid import uuid4
 
 import numpy as np
-from pyomo.contrib.mpc import TimeSeriesData
-from pyomo.core.base.componentuid import ComponentUID
-from pyomo.core.base.set import Set
 
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.numerics import Array
@@ -27,43 +24,6 @@ _DAMAGED = (
     *(ArithmeticError, EOFError, LookupError, MemoryError, OSError, RuntimeError, SyntaxError, TypeError, ValueError),
     *(struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error),
 )
-
-
-def time_series(owner: str, times: Array, values: Mapping[str, Array]) -> TimeSeriesData:
-    """Time series with a key such as ``push.theta[*]`` per signal, as ``contrib.mpc`` reads and writes them."""
-    index = Set(initialize=times.tolist(), ordered=True)
-    index.construct()
-    return TimeSeriesData(
-        {ComponentUID(f"{owner}.{name}[*]"): samples.tolist() for name, samples in values.items()}, index
-    )
-
-
-def read_time_series(series: Any) -> tuple[str, Array, dict[str, Array]]:
-    """Owner, times and values by name of a time series whose keys look like ``push.theta[*]``.
-
-    Raises
-    ------
-    TrajectoryError
-        When it is no time series, or has fewer than two times, values that are not finite, or keys of several owners.
-    """
-    if not isinstance(series, TimeSeriesData):
-        raise TrajectoryError(f"a {type(series).__name__} is no time series of pyomo.contrib.mpc.")
-    times = np.array(series.get_time_points(), dtype=float)
-    if len(times) < 2 or not (np.diff(times) > 0).all():
-        raise TrajectoryError(f"a time series with the times {times.tolist()}; two or more that increase are needed.")
-    owners, values = set(), {}
-    for key, samples in series.get_data().items():
-        owner, _, name = str(key).removesuffix("[*]").rpartition(".")
-        owners.add(owner)
-        values[name] = np.array(samples, dtype=float)  # None becomes NaN
-        if not np.isfinite(values[name]).all():
-            raise TrajectoryError(f"the time series has no finite value of '{key}' at every time.")
-    if len(owners) != 1:
-        raise TrajectoryError(
-            f"the time series has keys of {', '.join(map(repr, sorted(owners))) or 'nothing'}; one trajectory is that "
-            "of one phase. Use series.extract_variables(...) first."
-        )
-    return owners.pop(), times, values
 
 
 _FORMAT = 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
@@ -14,12 +14,12 @@ from numpy.typing import ArrayLike
 
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.variable_families import FamilyNames
-from pyrobocop_pyomo.numerics import Array, Grid, Indices, Mesh, Scheme, lobatto
-from pyrobocop_pyomo.optional_imports import pandas, xarray
+from pyrobocop_pyomo.numerics import Array, Grid, Indices, Mesh, Scheme
+from pyrobocop_pyomo.optional_imports import pandas
 from pyrobocop_pyomo.plotting import plot_signals
 from pyrobocop_pyomo.presentation import Presented, facts_table, table
 
-from .exchange import read_archive, read_time_series, time_series, write_archive
+from .exchange import read_archive, write_archive
 
 SOLVED = "solved"
 _GROUPS = ("states", "signals", "pairs", "rates", "piecewise_linear", "expressions")
@@ -287,53 +287,6 @@ class Trajectory(Presented):
         What lives at collocation points only is evaluated by its polynomial at the other times.
         """
         return pandas.DataFrame(dict(self(self.time)), index=pandas.Index(self.time, name="time"))
-
-    def to_time_series(self) -> Any:
-        """The same as `pyomo.contrib.mpc.TimeSeriesData`, with keys such as ``push.theta[*]``."""
-        return time_series(self.name, self.time, self(self.time))
-
-    def to_xarray(self) -> Any:
-        """The same as an xarray data set over ``time``; parameters and the scheme's name are its attributes."""
-        variables = {name: ("time", samples) for name, samples in self(self.time).items()}
-        facts = {**self.parameters, "scheme": self.grid.scheme.name}
-        return xarray.Dataset(variables, coords={"time": self.time}, attrs=facts)
-
-    @classmethod
-    def from_time_series(cls, series: Any, like: Trajectory | None = None) -> Trajectory:
-        """A trajectory from a `pyomo.contrib.mpc.TimeSeriesData`.
-
-        Parameters
-        ----------
-        series : TimeSeriesData
-            With the keys of one phase, such as ``push.theta[*]``.
-        like : Trajectory, optional
-            Whose grid, kinds of signals and parameters to take: the polynomials between the samples are then those of
-            its scheme. By default every signal counts as a state, and samples are joined by straight lines.
-
-        Raises
-        ------
-        TrajectoryError
-            When the series is no such thing, or does not have the names and times of the other trajectory.
-        """
-        owner, times, values = read_time_series(series)
-        if like is None:
-            return cls(owner, Grid(lobatto(2), Mesh(tuple(times.tolist()))), values, {}, {}, {})
-        same = len(times) == len(like.time) and np.allclose(times, like.time, rtol=0, atol=1e-9 * like.duration)
-        if not same or set(values) != set(like.names):
-            raise TrajectoryError(
-                f"the time series has {', '.join(values)} at {len(times)} times, trajectory '{like.name}' has "
-                f"{', '.join(like.names)} at {len(like.time)}; they must agree. Leave 'like' out to join the samples "
-                "by straight lines."
-            )
-        at_points = {name: values[name][np.searchsorted(like.time, like.points)] for name in like.over_points}
-        own: dict[str, Any] = {"name": owner, "pairs": {}, "rates": {}, "piecewise_linear": {}, "outcome": None}
-        return replace(
-            like,
-            states={name: values[name] for name in like.states},
-            signals={name: at_points[name] for name in like.signals},
-            expressions={name: at_points.get(name, values[name]) for name in like.expressions},
-            **own,
-        )
 
     def save(self, path: str | Path) -> Path:
         """Write a ``.npz`` file of arrays and JSON (no pickle); returns the file written."""

@@ -55,7 +55,7 @@ PUBLIC = {
 
 # Who only states problems needs none of these, and no extra: a plain import loads NumPy, and of SciPy nothing.
 ON_DEMAND = """
-    casadi highspy matplotlib pandas xarray dask distributed mpi4py shapely trimesh yourdfpy
+    casadi highspy matplotlib pandas dask distributed mpi4py shapely trimesh yourdfpy
     networkx scipy.interpolate scipy.linalg scipy.optimize scipy.sparse scipy.spatial scipy.stats
     pyrobocop_pyomo.catalogue pyrobocop_pyomo.diagnosis pyrobocop_pyomo.discretisation
     pyrobocop_pyomo.distributed pyrobocop_pyomo.ipopt

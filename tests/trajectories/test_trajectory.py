@@ -128,18 +128,9 @@ def test_expressions_are_in_tables_and_plots_and_not_in_what_is_set() -> None:
     np.testing.assert_allclose(frame["twice"], 2 * frame["x"])
     axes = [axis for axis in trajectory.plot(["twice", "power"]).axes if axis.get_visible()]
     assert [axis.get_ylabel() for axis in axes] == ["twice", "power"]
-    series = trajectory.to_time_series()
-    again = rcp.Trajectory.from_time_series(series, like=trajectory)
-    np.testing.assert_allclose(again.power, trajectory.power)
-    np.testing.assert_allclose(again.twice, trajectory.twice)
     fresh = with_expressions("gauss", x=0, u=0)
-    fresh.interface().load_data(series)
-    assert [pyo.value(fresh.power[t]) for t in fresh.points] == pytest.approx([9.0] * len(fresh.points))
-    fresh.initialize(u=0)
     fresh.initialize(trajectory)
     assert [pyo.value(fresh.power[t]) for t in fresh.points] == pytest.approx([9.0] * len(fresh.points))
-    read = b.interface().get_data_at_time(b.points.last(), include_expr=True)
-    assert read.get_data_from_key("p.power[*]") == pytest.approx(9.0)
     with pytest.raises(ModelError, match=r"twice' is indexed by the times"):
         b.remesh(5)
 
@@ -242,17 +233,6 @@ def test_a_data_frame_has_a_row_per_time(scheme: Any) -> None:
     np.testing.assert_array_equal(frame.index, trajectory.time)
     np.testing.assert_allclose(frame["x"], trajectory.x, atol=1e-14)
     np.testing.assert_allclose(frame["u"], 1 + (trajectory.time / 3) ** (scheme.stages - 1), atol=1e-12)
-
-
-def test_keys_of_time_series_find_nested_and_indexed_phases() -> None:
-    def build(b, *index):
-        b.phase = rcp.PhaseBlock([("a", 1)], elements=1, rule=lambda b, i, j: setattr(b, "x", rcp.State()))
-
-    m = pyo.ConcreteModel()
-    m.arms = pyo.Block(["left", 2], rule=build)
-    for arm in m.arms.values():
-        (key,) = arm.phase["a", 1].trajectory().to_time_series().get_data()
-        assert m.find_component(key)[0.0] is arm.phase["a", 1].x[0.0]
 
 
 @given(t=st.floats(1, 3))
