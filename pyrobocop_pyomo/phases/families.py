@@ -274,24 +274,6 @@ def guesses_by_component(record: PhaseRecord, guesses: Mapping[Any, Any], what: 
     return _by_component(record, guesses, guesses_of)
 
 
-def references_by_component(names: FamilyNames, reference: Any, label: str) -> list[Any]:
-    """What each component of a vector is to follow.
-
-    Raises
-    ------
-    ModelError
-        When an array has another length.
-    """
-    label = f"{label}: the reference of '{names.name}'"
-    if isinstance(reference, VariableFamily):
-        reference = dict(zip(reference.names.labels, reference.members, strict=True))
-    if isinstance(reference, tuple) and len(reference) == 2 and np.ndim(reference[0]) == 1 < np.ndim(reference[1]):
-        return [(reference[0], values) for values in _split_guess(names, reference[1], label)]
-    if callable(reference) and hasattr(reference, "families"):
-        return [reference] * len(names.members)  # a trajectory, which knows the components
-    return _split(names, reference, label)
-
-
 def names_by_component(record: PhaseRecord, given: Iterable[Any]) -> list[Any]:
     """Names and variables, with those of all components in the place of a family."""
     found: list[Any] = []

@@ -41,7 +41,6 @@ from .remeshing import remesh_phases
 from .simulation import Replay, SimulationOptions, replay, simulate
 from .stated_numbers import in_numbers, with_functions_of_time
 from .structure import check_phase
-from .tracking import tracking_cost
 from .variables import add_variables, control_rate
 from .verification import Verification, verify
 
@@ -640,30 +639,6 @@ class PhaseBlockData(BuiltBlockData):
         checked = self.trajectory() if trajectory is None else trajectory
         found = reintegrate(self, checked)
         return found.end_errors(found.local, checked)
-
-    def tracking(self, variable: Any, reference: Any, weight: Any = 1.0) -> Any:
-        """Integral of the squared deviation from a reference, for an objective or a constraint.
-
-        Parameters
-        ----------
-        variable : Var, vector or str
-            A state, algebraic or control of this phase; the squares of all components of a vector are summed.
-        reference : number, expression, indexed component, rule, function, Trajectory or pair of lists
-            A Param, Var or expression is followed as it is; a component over the times of the phase, such as another
-            state or an Expression, at each time; for a vector also another vector. A rule ``(phase, t)`` is as in
-            `integral`. A function of time, or times and values, which are joined by lines; for a vector an array, a
-            function that returns one, or times and an array of shape ``(components, times)``. A trajectory is
-            evaluated by its polynomials. With a free duration a function gets an expression for the time, so that it
-            has to be made of Pyomo's functions.
-        weight : number, expression, indexed component, rule, function or pair of lists
-            The same, for the components of a vector alike.
-
-        Raises
-        ------
-        ModelError
-            When the variable is not of this phase, or the reference or the weight does not cover it.
-        """
-        return tracking_cost(self, variable, reference, weight)
 
     # ---------------------------------------------------------------- construction
 

@@ -176,19 +176,6 @@ def test_archives_keep_what_belongs_together(tmp_path: Path) -> None:
     assert joined.x == pytest.approx(found.x)
 
 
-def test_a_vector_is_tracked_like_its_components() -> None:
-    b = as_vector().go
-    times = np.array([0.0, 2.0])
-    lines = np.array([[0.0, 1.0], [2.0, 0.0], [1.0, -1.0]])
-    each = [b.tracking(f"x_{i}", (times, lines[i])) for i in range(3)]
-    for reference in ((times, lines), lambda t: [np.interp(t, times, line) for line in lines]):
-        assert pyo.value(b.tracking(b.x, reference)) == pytest.approx(sum(map(pyo.value, each)))
-    zero = sum(pyo.value(b.tracking(f"x_{i}", 0.0)) for i in range(3))
-    assert pyo.value(b.tracking("x", np.zeros(3))) == pytest.approx(zero)
-    with pytest.raises(ModelError, match="the reference of 'x': has shape"):
-        b.tracking(b.x, np.zeros(2))
-
-
 def test_all_variables_of_a_vector_are_fixed_and_bounded_at_once() -> None:
     b = as_vector().go
     b.u.fix(0.25)
