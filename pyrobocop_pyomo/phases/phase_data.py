@@ -38,7 +38,7 @@ from .phase_values import PhaseValues, expression_values, expressions_over_time
 from .record import AT_BOUNDARIES, PhaseRecord, Statement
 from .reintegration import Reintegration, reintegrate
 from .remeshing import remesh_phases
-from .simulation import Replay, SimulationOptions, replay, simulate
+from .simulation import SimulationOptions, simulate
 from .stated_numbers import in_numbers, with_functions_of_time
 from .structure import check_phase
 from .variables import add_variables, control_rate
@@ -565,34 +565,6 @@ class PhaseBlockData(BuiltBlockData):
             When the mesh is none, or does not fit the phase.
         """
         remesh_phases({self: mesh})
-
-    def replay(
-        self,
-        trajectory: Trajectory | None = None,
-        *,
-        method: str = "scheme",
-        unknown: Sequence[str] | None = None,
-        restitution: Mapping[str, float] | None = None,
-    ) -> Replay:
-        """Simulate a plan under its own controls, and say how far the motion is from it.
-
-        Where pairs determine forces and slip these are found again, step by step, by the equations and the pairs alone:
-        a plan whose contacts are physics, and not just values that meet the rows to a tolerance, is found again.
-
-        Parameters
-        ----------
-        trajectory : Trajectory, optional
-            The phase's current values by default. Its parameters and its duration are taken as well.
-        method, unknown, restitution
-            As for `simulate`; the rows of the scheme by default, which a plan fulfils.
-
-        Raises
-        ------
-        InitialGuessError, SimulationFailed
-            As `simulate`.
-        """
-        options = SimulationOptions(method=method, unknown=unknown, restitution=dict(restitution or {}))
-        return replay(self, self.trajectory() if trajectory is None else trajectory, options)
 
     def reintegrate(
         self, trajectory: Trajectory | None = None, *, initial: Mapping[str, float] | None = None

@@ -26,7 +26,7 @@ from pyrobocop_pyomo.numerics import Array, Grid, Mesh
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import InitialGuess, can_step, initial_number
 
-from .coupled_phases import coupled_phases_of, put_on_model
+from .coupled_phases import coupled_phases_of
 from .declarations import Algebraic, Control
 from .delays import MotionSoFar
 from .families import guesses_by_component, names_by_component
@@ -409,44 +409,6 @@ def initial_states(block: Any, given: Mapping[str, float]) -> Array:
             followed = read_values([block.component(name)[first]], InitialGuessError, _WHAT_IS_MISSING)[0]
         found[name] = followed
     return np.array([found[name] for name in names], dtype=float)
-
-
-@dataclass(frozen=True)
-class Replay:
-    """A plan, and the motion that its controls lead to.
-
-    Attributes
-    ----------
-    trajectory : Trajectory
-        The simulated motion, on the grid of the phase.
-    distances : dict of state name to number
-        Largest difference of each state from the plan, over the times of the grid.
-    """
-
-    trajectory: Trajectory
-    distances: Mapping[str, float]
-
-    @property
-    def distance(self) -> float:
-        """The largest of all differences."""
-        return max(self.distances.values(), default=0.0)
-
-    def __str__(self) -> str:
-        listed = ", ".join(f"{name} {distance:.2e}" for name, distance in self.distances.items())
-        return f"largest distance from the plan: {listed or 'no states'}"
-
-
-def replay(block: Any, trajectory: Trajectory, options: SimulationOptions) -> Replay:
-    """See `PhaseBlockData.replay`."""
-    with put_on_model([(block, trajectory)]):
-        found = simulate(block, {}, {}, options)
-    boundaries = trajectory.grid.mesh.boundaries
-    planned = trajectory(np.minimum(np.maximum(found.time, boundaries[0]), boundaries[-1]))
-    distances = {
-        name: float(np.abs(found.states[name] - planned[name]).max(initial=0.0))
-        for name in block.record.names_of_states
-    }
-    return Replay(found, distances)
 
 
 def put_rough_motion(block: Any) -> bool:
