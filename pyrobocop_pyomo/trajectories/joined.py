@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,13 +17,12 @@ from pyrobocop_pyomo.optional_imports import pandas
 from pyrobocop_pyomo.plotting import mark_phases
 from pyrobocop_pyomo.presentation import Presented, table
 
-from .exchange import write_archive
-from .trajectory import Trajectory, drawn_parts, family_values, nothing_known, read_trajectories
+from .trajectory import Trajectory, drawn_parts, family_values, nothing_known
 
 
 @dataclass(frozen=True, eq=False)
 class JoinedTrajectory(Presented):
-    """The trajectories of several phases as one; made by `join_trajectories`, or read from a file by `load`.
+    """The trajectories of several phases as one, to be read and drawn; made by `join_trajectories`.
 
     Attributes
     ----------
@@ -35,7 +33,8 @@ class JoinedTrajectory(Presented):
     -----
     Values are attributes: ``joined.speed`` belongs to ``joined.time`` if it is a state, to ``joined.points`` otherwise,
     and is NaN in phases that have no such name. Both values at a boundary between phases are there, so that a jump
-    remains visible. Parameters belong to phases: ``joined.parts[0].mass``.
+    remains visible. Parameters belong to phases: ``joined.parts[0].mass``. Each part is saved, and each phase verified,
+    by itself.
     """
 
     parts: tuple[Trajectory, ...]
@@ -142,75 +141,6 @@ class JoinedTrajectory(Presented):
         columns = {name: np.concatenate([_at_own_times(part, name) for part in self.parts]) for name in self.names}
         return pandas.DataFrame({**of_phases, **columns}, index=pandas.Index(self.time, name="time"))
 
-    def save(self, path: str | Path) -> Path:
-        """Write all parts to one ``.npz`` file, as `Trajectory.save` does; returns the file written."""
-        archives = [part.as_archive() for part in self.parts]
-        groups = {f"{i}.{name}": arrays for i, (_, of) in enumerate(archives) for name, arrays in of.items()}
-        return write_archive(path, {"parts": [facts for facts, _ in archives]}, groups)
-
-    @classmethod
-    def load(cls, path: str | Path) -> JoinedTrajectory:
-        """Read what `save` wrote, or a file of one phase; to verify it, a model has to be named.
-
-        Raises
-        ------
-        TrajectoryError
-            When the file is not there, is damaged or holds no trajectory.
-        """
-        return cls(tuple(read_trajectories(path)))
-
-    def verify(self, model: Any = None) -> list[Any]:
-        """Check each part against the equations of its phase; see `Trajectory.verify`.
-
-        Links between phases are not checked: `Link.violation` says how well one holds on the model.
-
-        Parameters
-        ----------
-        model : Block, optional
-            With phases of the names of the parts; by default the phases that the parts came from.
-
-        Returns
-        -------
-        list of Verification
-            One per part.
-
-        Raises
-        ------
-        TrajectoryError
-            When a phase is missing, or a part was loaded from a file and no model is given.
-        """
-        own = [part if model is None else replace(part, phase=self._phase(model, part)) for part in self.parts]
-        # In the times of its phase, which may count its own from zero.
-        own = [
-            part if part.phase is None or part.phase.has_normalised_time else _moved(part, part.phase.initial_time)
-            for part in own
-        ]
-        return [part.verify(beside=[other for other in own if _is_beside(other, part)]) for part in own]
-
-    def initialize(self, model: Any) -> None:
-        """Start the phases of a model from the parts that have their names; see `PhaseBlock.initialize`.
-
-        Parameters
-        ----------
-        model : Block
-
-        Raises
-        ------
-        TrajectoryError
-            When it has no phase of such a name; nothing is set then.
-        InitialGuessError
-            When a phase has no name in common with its part.
-        """
-        for phase, part in [(self._phase(model, part), part) for part in self.parts]:
-            phase.initialize(part)
-
-    @staticmethod
-    def _phase(model: Any, part: Trajectory) -> Any:
-        phase = model.find_component(part.name)
-        if not hasattr(phase, "has_normalised_time"):
-            raise TrajectoryError(f"model '{model.name}' has no phase '{part.name}', of which there is a trajectory.")
-        return phase
-
     def __dir__(self) -> list[str]:
         return sorted({*super().__dir__(), *self.names, *self.families})
 
@@ -247,11 +177,6 @@ def join_trajectories(parts: Iterable[Any]) -> JoinedTrajectory:
     if not joined:
         raise TrajectoryError("no trajectories to join; give the phases in their order.")
     return JoinedTrajectory(tuple(joined))
-
-
-def _is_beside(other: Trajectory, part: Trajectory) -> bool:
-    """Whether the rules of a part may read another one: of another phase, with as many elements."""
-    return other.phase is not part.phase and other.grid.mesh.elements == part.grid.mesh.elements
 
 
 def _at_own_times(part: Trajectory, name: str) -> Array:

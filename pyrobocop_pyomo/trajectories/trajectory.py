@@ -290,10 +290,6 @@ class Trajectory(Presented):
 
     def save(self, path: str | Path) -> Path:
         """Write a ``.npz`` file of arrays and JSON (no pickle); returns the file written."""
-        return write_archive(path, *self.as_archive())
-
-    def as_archive(self) -> tuple[dict[str, Any], dict[str, Mapping[str, Array]]]:
-        """What fits into JSON, and groups of arrays by name."""
         facts = {
             "name": self.name,
             "scheme": self.grid.scheme.name,
@@ -304,7 +300,7 @@ class Trajectory(Presented):
         }
         scheme = self.grid.scheme
         grid = {"boundaries": np.array(self.grid.mesh.boundaries), "c": scheme.c}
-        return facts, {"grid": grid, **{name: getattr(self, name) for name in _GROUPS}}
+        return write_archive(path, facts, {"grid": grid, **{name: getattr(self, name) for name in _GROUPS}})
 
     @classmethod
     def load(cls, path: str | Path) -> Trajectory:
@@ -313,15 +309,15 @@ class Trajectory(Presented):
         Raises
         ------
         TrajectoryError
-            When the file is not there, is damaged or holds no trajectory, or those of several phases.
+            When the file is not there, is damaged or holds no trajectory.
         """
-        parts = read_trajectories(path)
-        if len(parts) != 1:
-            raise TrajectoryError(
-                f"{path}: holds the phases {', '.join(part.name for part in parts)}. Read it by "
-                "rcp.JoinedTrajectory.load(path)."
-            )
-        return parts[0]
+        facts, groups = read_archive(path)
+        try:
+            return cls._from_archive(facts, groups)
+        except KeyError as error:
+            raise TrajectoryError(f"{path}: an archive that holds no trajectory ({error} is missing).") from error
+        except (TypeError, ValueError, AttributeError, IndexError) as error:
+            raise TrajectoryError(f"{path}: an archive that holds no trajectory ({error}).") from error
 
     @classmethod
     def _from_archive(cls, facts: dict[str, Any], groups: dict[str, dict[str, Array]]) -> Trajectory:
@@ -366,29 +362,6 @@ class Trajectory(Presented):
         rows = [(name, kinds.get(name, "signal"), *_range_of(values)) for name, values in signals.items()]
         of_signals = table(("name", "kind", "first", "last", "smallest", "largest"), rows)
         return [of_signals, *([facts_table(self.parameters)] if self.parameters else [])]
-
-
-def read_trajectories(path: str | Path) -> list[Trajectory]:
-    """The trajectories of a file, of one phase or of several.
-
-    Raises
-    ------
-    TrajectoryError
-        When the file is not there, is damaged or holds no trajectory.
-    """
-    facts, groups = read_archive(path)
-    try:
-        if "parts" not in facts:
-            return [Trajectory._from_archive(facts, groups)]
-        parts: list[dict[str, dict[str, Array]]] = [{} for _ in facts["parts"]]
-        for name, arrays in groups.items():
-            number, _, group = name.partition(".")
-            parts[int(number)][group] = arrays
-        return list(map(Trajectory._from_archive, facts["parts"], parts))
-    except KeyError as error:
-        raise TrajectoryError(f"{path}: an archive that holds no trajectory ({error} is missing).") from error
-    except (TypeError, ValueError, AttributeError, IndexError) as error:
-        raise TrajectoryError(f"{path}: an archive that holds no trajectory ({error}).") from error
 
 
 class _Values(dict[str, Any]):

@@ -72,54 +72,6 @@ def test_what_is_unknown_is_named() -> None:
         rcp.join_trajectories([])
 
 
-def sequence(elements: int, names: str = "ab") -> pyo.ConcreteModel:
-    """In each phase x is half the square of the phase's own time, where u is 1."""
-    m = pyo.ConcreteModel()
-    for name in names:
-        m.add_component(name, rcp.PhaseBlock(duration=2 if name == "a" else 1, elements=elements))
-        b = m.component(name)
-        b.x, b.u = rcp.State(), rcp.Control()
-        b.twice = pyo.Expression(b.time, rule=lambda b, t: 2 * b.x[t])
-        b.ode(lambda b, t: {b.x: b.u[t] * t})
-    return m
-
-
-def test_a_plan_of_several_phases_is_saved_loaded_verified_and_started_from(tmp_path: Path) -> None:
-    m = sequence(2)
-    for b in rcp.phases_of(m):
-        b.initialize(x=lambda t: t**2 / 2, u=1)
-    before = rcp.join_trajectories(rcp.phases_of(m))
-    plan = rcp.JoinedTrajectory.load(before.save(tmp_path / "plan"))
-    assert plan.boundaries.tolist() == [0, 2, 3]
-    assert plan.names == before.names == ["x", "twice", "u"]
-    for name in plan.names:
-        assert getattr(plan, name).tolist() == getattr(before, name).tolist()
-    fresh = sequence(3)
-    for reports in (before.verify(), plan.verify(fresh)):
-        assert len(reports) == 2
-        assert max(report.largest_violation for report in reports) < 1e-12
-    plan.initialize(fresh)
-    assert fresh.a.x[2.0].value == pytest.approx(2.0)
-    assert fresh.b.x[1.0].value == pytest.approx(0.5)
-    assert [variable.value for variable in fresh.b.u.values()] == pytest.approx([1.0] * 9)
-    m.b.x[1.0].value = 0.6
-    assert rcp.join_trajectories(rcp.phases_of(m)).verify()[1].largest_violation > 0.05
-
-
-def test_a_plan_says_what_it_lacks(tmp_path: Path) -> None:
-    m = sequence(2)
-    path = rcp.join_trajectories(rcp.phases_of(m)).save(tmp_path / "plan")
-    plan = rcp.JoinedTrajectory.load(path)
-    with pytest.raises(TrajectoryError, match="'a' was loaded from a file"):
-        plan.verify()
-    with pytest.raises(TrajectoryError, match=r"holds the phases a, b\. Read it by rcp.JoinedTrajectory"):
-        rcp.Trajectory.load(path)
-    for ask in (plan.verify, plan.initialize):
-        with pytest.raises(TrajectoryError, match="has no phase 'b'"):
-            ask(sequence(2, "a"))
-    assert len(rcp.JoinedTrajectory.load(m.a.trajectory().save(tmp_path / "one")).parts) == 1
-
-
 def test_a_name_that_is_a_state_in_one_phase_and_a_control_in_another() -> None:
     m = phases()
     m.c = rcp.PhaseBlock(duration=1, elements=1)
