@@ -1,8 +1,7 @@
 """Other phases that the rules of a phase read: their values at the instant at which a rule is evaluated.
 
 A rule of one phase may read the variables of another phase of the same time indices, ``m.body.x[t]``. Between the
-points of the grid such a variable does not exist, and the values on the model may be those of another plan than the
-trajectory that is verified. Here the other phase has a trajectory as well.
+points of the grid such a variable does not exist: the trajectory that stands on the model is taken.
 """
 
 from __future__ import annotations
@@ -48,7 +47,7 @@ def other_phases(block: Any) -> list[Any]:
     ]
 
 
-def coupled_phases_of(block: Any, grid: Grid, beside: Iterable[Trajectory] = ()) -> dict[Any, Trajectory | None]:
+def coupled_phases_of(block: Any, grid: Grid) -> list[Any]:
     """The other phases of the model that share the element boundaries of a phase, in time indices.
 
     Parameters
@@ -56,36 +55,9 @@ def coupled_phases_of(block: Any, grid: Grid, beside: Iterable[Trajectory] = ())
     block : PhaseBlock
     grid : Grid
         Of the trajectory that is checked, in real time.
-    beside : iterable of Trajectory
-        Values of other phases; for the others those on the model are taken.
-
-    Returns
-    -------
-    dict of PhaseBlock to Trajectory
-        None where it is to be read from the model.
-
-    Raises
-    ------
-    TrajectoryError
-        When a trajectory is of no such phase, or has other elements.
     """
-    found = {id(phase): phase for phase in other_phases(block)}
-    given: dict[int, Trajectory] = {}
     boundaries = indices_of(block.record, grid).mesh.boundaries
-    for trajectory in beside:
-        of = [key for key, phase in found.items() if trajectory.phase is phase or trajectory.name == phase.name]
-        if not of or trajectory.grid.mesh.elements + 1 != len(boundaries):
-            raise TrajectoryError(
-                f"trajectory '{trajectory.name}' with {trajectory.grid.mesh.elements} elements: no phase beside "
-                f"'{block.name}' has such a trajectory; the phases beside it are "
-                f"{', '.join(phase.name for phase in found.values()) or 'none'}, with {len(boundaries) - 1} elements."
-            )
-        given[of[0]] = trajectory
-    return {
-        phase: given.get(key)
-        for key, phase in found.items()
-        if key in given or _same(phase.record.grid.mesh.boundaries, boundaries)
-    }
+    return [phase for phase in other_phases(block) if _same(phase.record.grid.mesh.boundaries, boundaries)]
 
 
 def _same(first: Any, second: Any) -> bool:

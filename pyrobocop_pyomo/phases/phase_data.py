@@ -424,16 +424,9 @@ class PhaseBlockData(BuiltBlockData):
         """The current values, as a trajectory that can be read, plotted, verified and saved."""
         return PhaseValues(self).trajectory()
 
-    def verify(self, trajectory: Trajectory, beside: Sequence[Trajectory] = ()) -> Verification:
-        """Check a trajectory against this phase's equations, recomputed; see `Verification`.
-
-        Parameters
-        ----------
-        trajectory : Trajectory
-        beside : sequence of Trajectory
-            Of other phases that the rules read; needed where the trajectory is not what stands on the model.
-        """
-        return verify(self, trajectory, beside)
+    def verify(self, trajectory: Trajectory) -> Verification:
+        """Check a trajectory against this phase's equations, recomputed; see `Verification`."""
+        return verify(self, trajectory)
 
     # ---------------------------------------------------------------- beyond stating and solving
 

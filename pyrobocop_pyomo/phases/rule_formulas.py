@@ -49,7 +49,7 @@ class RuleFormulas:
     block : PhaseBlock
     grid : Grid
         Of a trajectory, in real time.
-    coupled : mapping of PhaseBlock to Trajectory or None
+    coupled : sequence of PhaseBlock
         Other phases, which rules may read at the same instant; see `coupled_phases_of`.
 
     Attributes
@@ -67,9 +67,10 @@ class RuleFormulas:
         Where in the elements rules are looked at, as far as it was asked.
     """
 
-    def __init__(self, block: Any, grid: Grid, coupled: Mapping[Any, Trajectory | None] | None = None) -> None:
+    def __init__(self, block: Any, grid: Grid, coupled: Sequence[Any] = ()) -> None:
         record: PhaseRecord = block.record
-        self.block, self.record, self.coupled = block, record, dict(coupled or {})
+        self.block, self.record, self._coupled = block, record, list(coupled)
+        self._trajectories: dict[int, Trajectory] = {}
         self.instants: dict[Statement, Array] = {}
         self._scratch = scratch = ConcreteModel()  # Pyomo holds parents by weak references: keep the owner alive
         # Made when read: of delayed values and other phases they say what rules have read.
@@ -111,9 +112,9 @@ class RuleFormulas:
         if isinstance(slot, Item) and slot.rest == (None,):
             if id(component) in self._standing_for:
                 return self._standing_for[id(component)]
-            phases, home = [*self.coupled], component.parent_block()
-            if home in phases and component.local_name in home.record.declarations:
-                return self._scratch.beside[phases.index(home), component.local_name]
+            home = component.parent_block()
+            if home in self._coupled and component.local_name in home.record.declarations:
+                return self._scratch.beside[self._coupled.index(home), component.local_name]
         if isinstance(slot, Delayed) and component.parent_block() is self.block:
             number = delay_as_number(slot.rest[0], f"'{component.name}'")
             own = self._standing_for[id(component)]
@@ -247,17 +248,14 @@ class RuleFormulas:
 
     def of_coupled_phases(self, fractions: Array) -> dict[int, Array]:
         """What other phases that rules have read are at local fractions, shape ``(q, N)``, by what stands for it."""
-        found: dict[int, Array] = {}
-        for number in dict.fromkeys(number for number, _ in self._scratch.beside) if self.coupled else ():
-            phase = [*self.coupled][number]
-            if self.coupled[phase] is None:
-                with suppress(TrajectoryError):  # nothing is known where the model has no values
-                    self.coupled[phase] = PhaseValues(phase).trajectory(evaluate=False)
-            trajectory = self.coupled[phase]
-            values = {} if trajectory is None else values_in_elements(trajectory, fractions)
-            named = {name: variable for (of, name), variable in self._scratch.beside.items() if of == number}
-            found |= {id(variable): values[name].T for name, variable in named.items() if name in values}
-        return found
+        values: dict[int, dict[str, Array]] = {}
+        for number in dict.fromkeys(number for number, _ in self._scratch.beside):
+            with suppress(TrajectoryError):  # nothing is known where the model has no values
+                if number not in self._trajectories:
+                    self._trajectories[number] = PhaseValues(self._coupled[number]).trajectory(evaluate=False)
+                values[number] = values_in_elements(self._trajectories[number], fractions)
+        read = self._scratch.beside.items() if values else ()
+        return {id(of): values[number][name].T for (number, name), of in read if name in values.get(number, ())}
 
     @property
     def further_readings(self) -> int:

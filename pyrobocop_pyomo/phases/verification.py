@@ -197,21 +197,19 @@ class Verification(Presented):
         return "\n".join([*lines, *self.remarks, self.verdict])
 
 
-def verify(block: Any, trajectory: Trajectory, beside: Sequence[Trajectory] = ()) -> Verification:
+def verify(block: Any, trajectory: Trajectory) -> Verification:
     """Recompute everything that a trajectory promises; see `Verification`.
 
     Parameters
     ----------
     block : PhaseBlock
     trajectory : Trajectory
-    beside : sequence of Trajectory
-        Values of other phases that the rules read. Those on the model are taken where the trajectory is what stands on
-        the model; elsewhere, what reads them is not checked.
+        Where it is not what stands on the model, rules that read other phases are not checked.
 
     Raises
     ------
     TrajectoryError
-        When the trajectory has other variables than the phase, or one beside it is of no other phase.
+        When the trajectory has other variables than the phase.
     """
     record: PhaseRecord = block.record
     signals = record.names(Algebraic) + record.names(Control)
@@ -225,8 +223,8 @@ def verify(block: Any, trajectory: Trajectory, beside: Sequence[Trajectory] = ()
                 f"trajectory '{trajectory.name}' has the {kind} {sorted(given)}, phase '{block.name}' has "
                 f"{sorted(needed)}. Verify it by the phase that it belongs to."
             )
-    check = _TrajectoryCheck(block, trajectory, beside)
-    with put_on_model(check.values_of_phases):
+    check = _TrajectoryCheck(block, trajectory)
+    with put_on_model([(block, trajectory)]):
         check.remark_what_is_not_stated(block)
         defect, equations, natural, product = check.at_collocation_points()
         motion, passed = check.reintegrate(), check.passed_between_points()
@@ -256,26 +254,22 @@ def verify(block: Any, trajectory: Trajectory, beside: Sequence[Trajectory] = ()
 
 
 class _TrajectoryCheck:
-    def __init__(self, block: Any, trajectory: Trajectory, beside: Sequence[Trajectory] = ()) -> None:
+    def __init__(self, block: Any, trajectory: Trajectory) -> None:
         record: PhaseRecord = block.record
         self.block, self.record, self.trajectory, self.grid = block, record, trajectory, trajectory.grid
         # Rules are evaluated at time indices, which are normalised where something of the horizon was to be found.
         self.on_grid = is_of_grid(record, trajectory.grid)
         self.indices = record.grid if self.on_grid else indices_of(record, trajectory.grid)
-        coupled = coupled_phases_of(block, trajectory.grid, beside)
-        self.formulas = RuleFormulas(block, trajectory.grid, coupled)
+        self.formulas = RuleFormulas(block, trajectory.grid, coupled_phases_of(block, trajectory.grid))
         self.formulas.set_bounds(self.indices.times[0])
         self.states = {name: trajectory.element_states(name) for name in trajectory.states}
         self.signals = {name: trajectory.element_signals(name) for name in trajectory.signals}
         self.slopes = {name: self._slopes(name) for name in self.states}
         self.remarks: list[str] = []
-        others = other_phases(block)
-        known = [(phase, given) for phase, given in coupled.items() if given is not None]
-        self.values_of_phases = [(block, trajectory), *known]
         self.statements = list(record.statements)
+        others = other_phases(block)
         if others and not is_on_model(block, trajectory):
-            given = [phase for phase, _ in known]
-            self._leave_out([phase for phase in others if not any(phase is one for one in given)])
+            self._leave_out(others)
         if record.discrete_states and not can_step(self.grid.scheme):
             raise TrajectoryError(
                 f"trajectory '{trajectory.name}' is one of {self.grid.scheme.name}; the phase has step maps "
@@ -291,8 +285,7 @@ class _TrajectoryCheck:
                 self.statements.remove(statement)
                 self.remarks.append(
                     f"not checked: '{statement.name}', which reads {', '.join(names)}. The model has other values than "
-                    "this trajectory, so that those of the other phase are not known: verify(beside=[trajectory of "
-                    f"{', '.join(names)}])."
+                    "this trajectory, so that those of the other phase are not known: initialize both."
                 )
 
     def _variables_of(self, statement: Statement) -> Iterable[Any]:

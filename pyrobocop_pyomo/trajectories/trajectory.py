@@ -237,21 +237,23 @@ class Trajectory(Presented):
     def _per_stage(self, values: Array) -> Array:
         return values[self.grid.stage_positions]
 
-    def verify(self, phase: Any = None, *, beside: Sequence[Trajectory] = ()) -> Any:
+    def verify(self, phase: Any = None) -> Any:
         """Check these values against the equations of a phase, recomputed independently of the solver.
 
         Parameters
         ----------
         phase : PhaseBlock, optional
             The phase to check against; the one that the trajectory came from by default.
-        beside : sequence of Trajectory
-            Of other phases that the rules read at the same instants. Without them the values that stand on the model
-            are taken, as long as these values stand there too; what reads other phases is else not checked.
 
         Raises
         ------
         TrajectoryError
-            When the trajectory knows no phase and none is given, or one beside it is of no other phase.
+            When the trajectory knows no phase and none is given.
+
+        Notes
+        -----
+        Rules that read other phases take their values from the model, as long as these values stand there too; else
+        they are not checked.
         """
         verifier = self.phase if phase is None else phase
         if verifier is None:
@@ -260,7 +262,7 @@ class Trajectory(Presented):
                 "equations. Hand over the PhaseBlock that states them: verify(phase=...). Equations of pyomo.dae are "
                 "rows at points: compare with twice as many elements."
             )
-        return verifier.verify(self, beside)
+        return verifier.verify(self)
 
     def plot(self, names: list[str] | Mapping[str, str] | None = None, *, figure: Any = None) -> Any:
         """Draw signals over time; returns the Matplotlib figure.

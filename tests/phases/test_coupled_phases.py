@@ -5,7 +5,6 @@ import pyomo.environ as pyo
 import pytest
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import TrajectoryError
 
 READ = {
     "closure": lambda m, b: m.body,
@@ -71,19 +70,14 @@ def test_what_stands_on_the_model_is_verified_between_the_points_too(read, schem
 def test_another_plan_on_the_model_is_not_mixed_with_the_trajectory(read):
     m = carried(read)
     set_exactly(m, 5.0)
-    mine, body = m.me.trajectory(), m.body.trajectory()
-    expected = mine.verify()
+    mine = m.me.trajectory()
     set_exactly(m, -4.0)
     before = values(m)
-    with_both = mine.verify(beside=[body])
-    assert (with_both.largest_violation, with_both.remarks) == (expected.largest_violation, expected.remarks)
-    assert with_both.horizon_error == pytest.approx(expected.horizon_error, abs=1e-12)
-    assert m.me.verify(mine, [body]) == with_both
     alone = mine.verify()
     assert alone.largest_violation < 1e-12
     assert alone.element_error is None
     assert len(alone.remarks) == 4
-    assert all("body" in remark and "beside" in remark for remark in alone.remarks)
+    assert all("body" in remark and "initialize both" in remark for remark in alone.remarks)
     assert values(m) == before
 
 
@@ -134,10 +128,8 @@ def test_fixed_instants_and_parameters_are_those_of_the_trajectories():
         m.me.initialize(k=k, y=lambda t: x * k * t)
 
     put(2.0, 3.0)
-    mine, body = m.me.trajectory(), m.body.trajectory()
-    put(5.0, 7.0)
     before = values(m)
-    assert mine.verify(beside=[body]).defect < 1e-12
+    assert m.me.trajectory().verify().defect < 1e-12
     assert values(m) == before
 
 
@@ -149,18 +141,6 @@ def test_a_simulation_reads_the_other_phase_between_the_points():
     m.body.initialize(x=lambda t: 1.0 + 5.0 * t)
     trajectory = m.me.simulate()
     assert trajectory.states["y"][-1] == pytest.approx(2.0 + 5.0 * 2.0, rel=1e-8)
-
-
-def test_a_trajectory_of_no_other_phase_is_refused():
-    m = carried()
-    set_exactly(m, 5.0)
-    mine = m.me.trajectory()
-    with pytest.raises(TrajectoryError, match="body"):
-        mine.verify(beside=[mine])
-    other = carried(elements=3)
-    set_exactly(other, 5.0)
-    with pytest.raises(TrajectoryError, match="3 elements"):
-        mine.verify(beside=[other.body.trajectory()])
 
 
 def test_a_phase_of_another_grid_is_read_at_common_times_only_and_said_so():
