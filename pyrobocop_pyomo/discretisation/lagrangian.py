@@ -68,7 +68,7 @@ class PhaseLagrangian:
         self._formulas, self._trajectory, self._multipliers, self._sign = formulas, trajectory, multipliers, sign
         record: Any = formulas.record
         names = [name for name in record.names_of_states if name in multipliers.costates]
-        rates = self._formulas.rates_of(names, derivatives=True) if names else []
+        rates = self._formulas.rates_of(names) if names else []
         self._rates = dict(zip(names, rates, strict=True))
         self._integrands = [
             (weight, self._formulas.formulas_of(statement))

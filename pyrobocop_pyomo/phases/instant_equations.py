@@ -8,8 +8,8 @@ alone as a rule, asks something of the motion and is no equation for it, unless 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Container, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any
 
@@ -17,8 +17,9 @@ from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
 from pyomo.repn import generate_standard_repn
 
-from pyrobocop_pyomo.complementarity import Complementarity
+from pyrobocop_pyomo.complementarity import CanonicalForm, Complementarity
 from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.modeling.failures import failures_as
 from pyrobocop_pyomo.modeling.rows_by_rule import is_equality
 from pyrobocop_pyomo.modeling.shared_nodes import NodeReplacement, variables_in, variables_in_any
 from pyrobocop_pyomo.numerics import Matching
@@ -26,7 +27,7 @@ from pyrobocop_pyomo.numerics import Matching
 from .declarations import Algebraic, Control
 from .record import PhaseRecord, Statement
 from .rule_formulas import RuleFormulas
-from .step_equations import PairStatement, as_tuple, equations_said
+from .step_equations import PairStatement, as_tuple, labelled, pairs_on_model, statements_of, zero_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,21 +41,18 @@ class _Equation:
 
 
 class InstantEquations:
-    """The equations that decide the motion of a phase, as formulas that hold at all times.
-
-    Parameters
-    ----------
-    formulas : RuleFormulas
+    """The equations that decide the motion of a phase, as formulas that hold at all times; see `known_equations`.
 
     Attributes
     ----------
     rates : list of expressions
-        Derivatives of all states, in the order of declaration.
+        Derivatives of all states, in the order of declaration; of those that a step map leads the next values.
     unknowns : dict of name to VarData
         What rows and pairs determine and the motion depends on, with what stands for it in the formulas: algebraics,
         controls, and derivatives as ``"d x"``.
     rows : list of expressions
         Zero where they hold.
+    names_of_rows : list of str
     pairs : list of PairStatement
         Together with the rows as many as there are unknowns.
     read : set of str
@@ -63,42 +61,41 @@ class InstantEquations:
         Whether unknowns follow from rows by differentiation alone.
     statements : list of Statement
         Where all of this is stated.
-
-    Raises
-    ------
-    TrajectoryError
-        When a rule gives no formula, or something that the motion depends on is not determined.
     """
 
-    def __init__(self, formulas: RuleFormulas) -> None:
+    def __init__(self, formulas: RuleFormulas, unknown: Sequence[str] | None, *, contact: bool) -> None:
         block, record = formulas.block, formulas.record
         self._phase, self._formulas = f"phase '{block.name}'", formulas
         names = record.names_of_states
-        explicit = [name for name in names if name in record.equation_of]
+        explicit = [name for name in names if name in record.equation_of and name not in record.discrete_states]
         # What is fixed is given, as controls are.
         fixed = {name for name in record.names(Algebraic) if all(v.fixed for v in record.nodes(name).variables(block))}
         self._controls = frozenset(record.names(Control)) | fixed
-        slopes = {f"d {name}": formulas.derivative(name) for name in names if name not in explicit}
+        slopes = {f"d {name}": formulas.derivative(name) for name in names if name not in record.equation_of}
         variables = {**slopes, **formulas.at_instant}
         self._names = {id(variable): name for name, variable in variables.items()}
-        stated = dict(zip(explicit, formulas.rates_of(explicit, derivatives=True), strict=True))
+        stated = dict(zip(explicit, formulas.rates_of(explicit), strict=True))
         self._explicit = {id(formulas.derivative(name)) for name in explicit}
         self._replaced = NodeReplacement({id(formulas.derivative(name)): rate for name, rate in stated.items()})
         rates = {name: self._replaced.of(rate) for name, rate in stated.items()}
+        for statement in record.statements_of("step map"):
+            rates |= formulas.by_state(statement)
         self.rates = [rates[name] if name in rates else slopes[f"d {name}"] for name in names]
         read = self._reads(self.rates)
         self.statements = record.statements_of("ode")
-        found: list[_Equation] = []
         formulas.set_bounds(record.grid.times[0])  # a side may be a variable's own bound
-        for statement, labels in _equations_stated(block):
-            self.statements.append(statement)
-            found += self._equations_of(statement, labels)
-        found.sort(key=lambda equation: equation.pair is not None)
-        algebraics = [name for name in record.names(Algebraic) if name not in fixed]
-        names, equations, self.is_hidden = self._select(found, frozenset(slopes), algebraics, read)
+        if unknown is None:
+            found = [each for statement, labels in self._stated() for each in self._equations_of(statement, labels)]
+            found.sort(key=lambda equation: equation.pair is not None)
+            algebraics = [name for name in record.names(Algebraic) if name not in fixed]
+            unknown, equations, self.is_hidden = self._select(found, frozenset(slopes), algebraics, read)
+        else:
+            unknown, self.is_hidden = [*slopes, *unknown], False
+            equations = [*(self._residuals() if unknown else ()), *(self._active_pairs() if contact else ())]
         self.read = read.union(*(equation.reads for equation in equations))
-        self.unknowns = {name: variables[name] for name in names}
-        self.rows = [equation.row for equation in equations if equation.pair is None]
+        self.unknowns = {name: variables[name] for name in unknown}
+        of_rows = [equation for equation in equations if equation.pair is None]
+        self.rows, self.names_of_rows = [of.row for of in of_rows], [of.name for of in of_rows]
         self.pairs = [equation.pair for equation in equations if equation.pair is not None]
 
     @property
@@ -113,12 +110,57 @@ class InstantEquations:
             raise TrajectoryError(f"{self._phase}: an ode reads a derivative that another ode states.")
         return frozenset(self._names[key] for key in held if key in self._names)
 
-    def _equations_of(self, statement: Statement, labels: set[tuple[Any, ...]]) -> Iterator[_Equation]:
-        rows, pairs = equations_said(self._formulas, statement, self._replaced, labels)
-        for row in rows:
-            yield _Equation(statement.name, row, None, self._reads([row]))
-        for pair in pairs:
-            yield _Equation(statement.name, None, pair, self._reads([pair.body, pair.other]))
+    def _stated(self) -> Iterator[tuple[Statement, set[tuple[Any, ...]]]]:
+        """Statements of equalities and pairs, with the labels of those that hold at more instants than the ends."""
+        block = self._formulas.block
+        enough = min(3, len(block.record.grid.points))
+        for statement in block.record.statements:
+            component = block.component(statement.name)
+            if component is None or statement.kind not in ("residual", "constraint", "complementarity"):
+                continue
+            counts: Counter[tuple[Any, ...]] = Counter()
+            for index, data in component.items():
+                label = as_tuple(index)[1:]
+                if counts[label] < enough and data.active and (data.ctype is not Constraint or is_equality(data)):
+                    counts[label] += 1
+            labels = {label for label, count in counts.items() if count == enough}
+            if labels:
+                self.statements.append(statement)
+                yield statement, labels
+
+    def _equations_of(self, statement: Statement, labels: Container[Any] | None = None) -> Iterator[_Equation]:
+        """Rows and pairs that a statement says at any time: those with some labels, or all."""
+        for label, said in self._formulas.formulas_of(statement, statement.rows).items():
+            if labels is not None and as_tuple(label) not in labels:
+                continue
+            is_pair = isinstance(said, CanonicalForm)
+            rows, pairs = statements_of(labelled(statement.name, label), said) if is_pair else ([zero_of(said)], [])
+            for row in map(self._replaced.of, rows):
+                yield _Equation(statement.name, row, None, self._reads([row]))
+            for stated in pairs:
+                pair = replace(stated, body=self._replaced.of(stated.body), other=self._replaced.of(stated.other))
+                yield _Equation(statement.name, None, pair, self._reads([pair.body, pair.other]))
+
+    def _residuals(self) -> Iterator[_Equation]:
+        """All rows of residual equations."""
+        block = self._formulas.block
+        for statement in block.record.statements_of("residual"):
+            if not all(row.active for row in block.component(statement.name).values()):
+                raise TrajectoryError(f"'{statement.name}' does not hold at all points")
+            yield from self._equations_of(statement)
+
+    def _active_pairs(self) -> list[_Equation]:
+        """All pairs, of statements that hold."""
+        block, record = self._formulas.block, self._formulas.record
+        on_model = pairs_on_model(block)
+        active = {data.parent_component().local_name for _, data in on_model}
+        stated = [of for of in record.statements_of("complementarity") if of.name in active]
+        found = [each for statement in stated for each in self._equations_of(statement)]
+        count = sum(each.pair is not None for each in found)
+        bounds_move = any(callable(of.bounds) for of in record.declarations.values())
+        if on_model and (bounds_move or len(on_model) != count * len(record.grid.points)):
+            raise TrajectoryError("pairs do not hold at all points by one rule")
+        return found
 
     def _select(
         self, stated: list[_Equation], slopes: frozenset[str], algebraics: list[str], read: frozenset[str]
@@ -178,6 +220,30 @@ class InstantEquations:
         return equation.reads & self._controls if equation.pair is None else frozenset()
 
 
+def known_equations(
+    formulas: RuleFormulas, unknown: Sequence[str] | None = None, *, contact: bool = True
+) -> InstantEquations:
+    """The equations of a phase.
+
+    Parameters
+    ----------
+    formulas : RuleFormulas
+    unknown : sequence of str, optional
+        Algebraics and controls that all residual equations and pairs are to determine, beside derivatives that no ode
+        states; by default what the motion depends on, with the equations that determine it.
+    contact : bool
+        Whether pairs determine some of what is given as unknown.
+
+    Raises
+    ------
+    TrajectoryError
+        When a rule gives no formula, or does not hold at all points, or something that the motion depends on is not
+        determined.
+    """
+    with failures_as(TrajectoryError, f"phase '{formulas.block.name}': its equations are no formulas"):
+        return InstantEquations(formulas, unknown, contact=contact)
+
+
 def refuse_equations_beside(block: Any, read: Iterable[str]) -> None:
     """Refuse rows over the points that were not stated through the phase: nobody knows what they say in between.
 
@@ -212,20 +278,3 @@ def refuse_equations_beside(block: Any, read: Iterable[str]) -> None:
 
 def _listed(names: Iterable[str]) -> str:
     return ", ".join(f"'{name}'" for name in sorted(names))
-
-
-def _equations_stated(block: Any) -> Iterator[tuple[Statement, set[tuple[Any, ...]]]]:
-    """Statements of equalities and pairs, with the labels of those that hold at more instants than the ends."""
-    enough = min(3, len(block.record.grid.points))
-    for statement in block.record.statements:
-        component = block.component(statement.name)
-        if component is None or statement.kind not in ("residual", "constraint", "complementarity"):
-            continue
-        counts: Counter[tuple[Any, ...]] = Counter()
-        for index, data in component.items():
-            label = as_tuple(index)[1:]
-            if counts[label] < enough and data.active and (data.ctype is not Constraint or is_equality(data)):
-                counts[label] += 1
-        labels = {label for label, count in counts.items() if count == enough}
-        if labels:
-            yield statement, labels

@@ -28,9 +28,9 @@ from .delays import MotionSoFar
 from .element_instants import ElementInstants
 from .families import guesses_by_component
 from .implicit_steps import stepped_flows
-from .instant_equations import InstantEquations, refuse_equations_beside
+from .instant_equations import InstantEquations, known_equations, refuse_equations_beside
 from .record import PhaseRecord, Statement
-from .right_hand_sides import RightHandSides, known_equations
+from .right_hand_sides import RightHandSides
 from .rule_formulas import RuleFormulas
 
 # Of the integration, relative to the size of each state. Differences are of interest from there on.
@@ -157,7 +157,7 @@ def reintegrate(
     on_model = put_on_model([(block, trajectory)]) if formulas is None else nullcontext()
     with on_model, tables_continued():
         formulas = formulas or RuleFormulas(block, trajectory.grid, coupled_phases_of(block, trajectory.grid))
-        equations = known_equations(formulas, InstantEquations)
+        equations = known_equations(formulas)
         refuse_equations_beside(block, equations.read)
         integrals = _IntegralsAlongMotion(formulas, trajectory, equations, [] if states_only else record.integrals)
         rates = RightHandSides(formulas, trajectory, equations)

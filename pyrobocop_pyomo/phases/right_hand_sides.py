@@ -14,35 +14,17 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.expression_nodes import FLOAT_FUNCTIONS
-from pyrobocop_pyomo.modeling.failures import failures_as
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .delays import MotionSoFar, Past, past_of
+from .instant_equations import InstantEquations
 from .rule_formulas import RuleFormulas
 from .step_equations import differences, stacked
 
 # Relative to an element: shorter delays would take too many steps.
 _SHORTEST_PART = 1e-5
-
-
-def known_equations(formulas: RuleFormulas, equations: Callable[[RuleFormulas], Any]) -> Any:
-    """The equations of a phase, of a kind.
-
-    Parameters
-    ----------
-    formulas : RuleFormulas
-    equations : callable
-        `InstantEquations`, or `StepEquations` by way of `by_rules`.
-
-    Raises
-    ------
-    TrajectoryError
-        When a rule gives no formula.
-    """
-    with failures_as(TrajectoryError, f"phase '{formulas.block.name}': its equations are no formulas"):
-        return equations(formulas)
 
 
 class TooManyEvaluations(Exception):
@@ -58,14 +40,14 @@ class RightHandSides:
     trajectory : Trajectory
         Whose controls and parameters are taken. Algebraics are taken from it where nothing determines them, or the
         motion does not depend on them; elsewhere they are found at each instant, from there.
-    equations : InstantEquations or StepEquations
+    equations : InstantEquations
         Of the formulas.
     further : sequence of expression
         Formulas that `values` evaluates as well.
 
     Attributes
     ----------
-    equations : InstantEquations or StepEquations
+    equations : InstantEquations
     widths : array, shape (N,)
         Of the elements in real time.
     are_delayed : bool
@@ -84,7 +66,7 @@ class RightHandSides:
     """
 
     def __init__(
-        self, formulas: RuleFormulas, trajectory: Trajectory, equations: Any, further: Sequence[Any] = ()
+        self, formulas: RuleFormulas, trajectory: Trajectory, equations: InstantEquations, further: Sequence[Any] = ()
     ) -> None:
         self._formulas, self._names, self._trajectory = formulas, formulas.record.names_of_states, trajectory
         self.widths = trajectory.grid.mesh.widths

@@ -77,7 +77,6 @@ class RuleFormulas:
         for kind in ("declared", "derivatives", "previous", "delayed", "beside", "times"):
             scratch.add_component(kind, Var(AnyIndex, dense=False))
         self.at_instant = {name: scratch.declared[name] for name in record.declarations}
-        self._reads_derivatives = True
         self._standing_for = {id(block.component(name)): variable for name, variable in self.at_instant.items()}
         self.indices, self.grid, boundaries = indices_of(record, grid), grid, grid.mesh.boundaries
         # Of the trajectory, whatever the phase has now.
@@ -88,7 +87,7 @@ class RuleFormulas:
         self.index, self.clock = scratch.times["index"], scratch.times["clock"]
         self._steps: dict[tuple[int, ...], tuple[Any, ExpressionSteps]] = {}
         self._named: dict[NamedItem, Any] = {}
-        self._said: dict[tuple[Statement, bool], Any] = {}
+        self._said: dict[Statement, Any] = {}
 
     # ---------------------------------------------------------------- what rules read
 
@@ -119,7 +118,7 @@ class RuleFormulas:
             number = delay_as_number(slot.rest[0], f"'{component.name}'")
             own = self._standing_for[id(component)]
             return self._scratch.delayed[component.local_name, number] if number else own
-        if isinstance(slot, Derivative) and component.parent_block() is self.block and self._reads_derivatives:
+        if isinstance(slot, Derivative) and component.parent_block() is self.block:
             return self._scratch.derivatives[component.local_name]
         if isinstance(slot, Previous):
             return self._scratch.previous[slot.rest[1]]
@@ -154,13 +153,12 @@ class RuleFormulas:
         if statement.kind == "step map":
             previous = {name: self._scratch.previous[name] for name in self.record.names_of_states}
             more = (PreviousStates(statement.label(self.block), previous, self.record.families),)
-        key = statement, self._reads_derivatives
         with failures_as(TrajectoryError, f"{statement.label(self.block)} is no formula that holds at all times"):
-            if key not in self._said:
+            if statement not in self._said:
                 refuse_asked_by_point(self.block, statement, *more)
                 formulas: Any = statement.rule.formulas(self.block, *more)
-                self._said[key] = formulas.at(self.read)
-            return entries(self._said[key])
+                self._said[statement] = formulas.at(self.read)
+            return entries(self._said[statement])
 
     def gives_formulas(self, statement: Statement) -> bool:
         """Whether a rule holds at all times, and reads nothing whose values between the points are not known."""
@@ -176,15 +174,11 @@ class RuleFormulas:
         given = self.formulas_of(statement, lambda result: equations_by_component(self.record, result, what))
         return {self.block.state_name(state): plain_expressions(of) for state, of in given.items()}
 
-    def rates_of(self, names: list[str], *, derivatives: bool = False) -> list[Any]:
-        """Formulas of the derivatives, in the order of the names; those that rules read only where they are known."""
+    def rates_of(self, names: list[str]) -> list[Any]:
+        """Formulas of the derivatives, in the order of the names."""
         rates: dict[str, Any] = {}
-        try:
-            self._reads_derivatives = derivatives
-            for statement in self.record.statements_of("ode"):
-                rates |= self.by_state(statement)
-        finally:
-            self._reads_derivatives = True
+        for statement in self.record.statements_of("ode"):
+            rates |= self.by_state(statement)
         return [rates[name] for name in names]
 
     def set_bounds(self, time: float) -> None:

@@ -33,12 +33,13 @@ from .families import guesses_by_component, names_by_component
 from .horizon import real_grid
 from .impacts import Impacts
 from .implicit_steps import FormulaStep, RowStep, StepSystem
+from .instant_equations import known_equations
 from .phase_values import PhaseValues, pairs_of_phase, read_values
 from .record import PhaseRecord
-from .right_hand_sides import RightHandSides, TooManyEvaluations, known_equations
+from .right_hand_sides import RightHandSides, TooManyEvaluations
 from .rule_formulas import RuleFormulas
 from .stated_numbers import moving_end
-from .step_equations import by_points, by_rules, pairs_on_model
+from .step_equations import by_points, pairs_on_model
 
 LOGGER = logging.getLogger(__name__)
 
@@ -182,10 +183,11 @@ class _Run:
         block, record = self._block, self._record
         given = replace(self.trajectory(record.grid.mesh.elements), states={}, rates={})
         formulas = RuleFormulas(block, self.grid, coupled_phases_of(block, self.grid))
-        equations = partial(by_rules, unknown=self._unknown, contact=self.contact)
         self._rates: RightHandSides | None = None
+        self._rows: list[Any]
         try:
-            self._rates = RightHandSides(formulas, given, known_equations(formulas, equations))
+            equations = known_equations(formulas, self._unknown, contact=self.contact)
+            self._rates = RightHandSides(formulas, given, equations)
         except TrajectoryError:
             if not self._is_stepped:
                 raise
@@ -436,7 +438,7 @@ def put_rough_motion(block: Any) -> bool:
     try:
         planned = PhaseValues(block).trajectory(evaluate=False)
         formulas = RuleFormulas(block, planned.grid, coupled_phases_of(block, planned.grid))
-        equations = known_equations(formulas, partial(by_rules, unknown=(), contact=False))
+        equations = known_equations(formulas, (), contact=False)
         rates, state = RightHandSides(formulas, planned, equations), initial_states(block, {})
         with np.errstate(all="ignore"):
             for i in range(grid.mesh.elements):

@@ -6,8 +6,8 @@ reads other points of the mesh, stands in the rows at the points alone, and so d
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,16 +15,13 @@ from pyomo.core.expr.numvalue import value
 from pyomo.core.expr.relational_expr import EqualityExpression, RelationalExpression
 
 from pyrobocop_pyomo.complementarity import CanonicalForm, Complementarity, canonical_form
-from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS
 from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
-from pyrobocop_pyomo.modeling.shared_nodes import NodeReplacement
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.mixed_complementarity import ComplementarityValues, MixedComplementarity
 
-from .record import PhaseRecord, Statement
+from .record import PhaseRecord
 from .row_rules import Rates
-from .rule_formulas import RuleFormulas
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,31 +66,6 @@ def zero_of(row: Any) -> Any:
     return parts[1] - parts[0]  # of (lower, body, upper) too
 
 
-def equations_said(
-    formulas: RuleFormulas, statement: Statement, rates: NodeReplacement, labels: Container[Any] | None = None
-) -> tuple[list[Any], list[PairStatement]]:
-    """Rows, as expressions that are zero, and pairs that a statement says at any time.
-
-    Parameters
-    ----------
-    formulas : RuleFormulas
-    statement : Statement
-    rates : NodeReplacement
-        Of derivatives by what odes say of them.
-    labels : container of tuple, optional
-        Of the rows and pairs that are meant; all by default.
-    """
-    rows: list[Any] = []
-    pairs: list[PairStatement] = []
-    for label, said in formulas.formulas_of(statement, statement.rows).items():
-        if labels is None or as_tuple(label) in labels:
-            is_pair = isinstance(said, CanonicalForm)
-            beside, stated = statements_of(labelled(statement.name, label), said) if is_pair else ([zero_of(said)], [])
-            rows += map(rates.of, beside)
-            pairs += [replace(pair, body=rates.of(pair.body), other=rates.of(pair.other)) for pair in stated]
-    return rows, pairs
-
-
 def as_tuple(label: Hashable) -> tuple[Any, ...]:
     """The label of a row as a tuple, which is empty where there is one row."""
     return label if isinstance(label, tuple) else () if label is None else (label,)
@@ -133,40 +105,6 @@ class StepEquations:
         self.rows.extend(rows)
         self.names_of_rows.extend([name] * len(rows))
         self.pairs.extend(pairs)
-
-
-def by_rules(formulas: RuleFormulas, unknown: Sequence[str], contact: bool) -> StepEquations:
-    """What the rules say for all times.
-
-    Raises
-    ------
-    TrajectoryError
-        When a rule gives no formula, or does not hold at all points.
-    """
-    block, record = formulas.block, formulas.record
-    names = record.names_of_states
-    explicit = [name for name in record.equation_of if name not in record.discrete_states]
-    found = dict(zip(explicit, formulas.rates_of(explicit), strict=True))
-    derivatives = {name: formulas.derivative(name) for name in names}
-    explicit_rates = NodeReplacement({id(derivatives[name]): rate for name, rate in found.items()})
-    for statement in record.statements_of("step map"):
-        found |= formulas.by_state(statement)
-    unknowns = {f"d {name}": derivatives[name] for name in names if name not in found}
-    unknowns |= {name: formulas.at_instant[name] for name in unknown}
-    equations = StepEquations([found.get(name, derivatives[name]) for name in names], unknowns)
-    formulas.set_bounds(record.grid.times[0])  # a side may be a variable's own bound
-    for statement in record.statements_of("residual") if unknowns else ():
-        if not all(row.active for row in block.component(statement.name).values()):
-            raise TrajectoryError(f"'{statement.name}' does not hold at all points")
-        equations.add(statement.name, *equations_said(formulas, statement, explicit_rates))
-    on_model = pairs_on_model(block) if contact else []
-    active = {data.parent_component().local_name for _, data in on_model}
-    for statement in (of for of in record.statements_of("complementarity") if of.name in active):
-        equations.add(statement.name, *equations_said(formulas, statement, explicit_rates))
-    bounds_move = any(callable(of.bounds) for of in record.declarations.values())
-    if on_model and (bounds_move or len(on_model) != len(equations.pairs) * len(record.grid.points)):
-        raise TrajectoryError("pairs do not hold at all points by one rule")
-    return equations
 
 
 def by_points(block: Any, unknown: Sequence[str], contact: bool) -> list[StepEquations]:
