@@ -21,7 +21,7 @@ from pyomo.core.expr.numvalue import NumericValue
 from pyrobocop_pyomo.errors import InitialGuessError, ModelError, TrajectoryError
 from pyrobocop_pyomo.modeling.blocks import BuiltBlockData, Rule, blocks_of_kind
 from pyrobocop_pyomo.modeling.variable_families import VariableFamily
-from pyrobocop_pyomo.numerics import Array, Grid, Scheme, find_scheme
+from pyrobocop_pyomo.numerics import Grid, Scheme, find_scheme
 from pyrobocop_pyomo.templates.slots import Clock, Derivative, RateOf
 from pyrobocop_pyomo.templates.template import OverTime, Reading, Template, TimeTemplate, is_asked_for_all_times
 from pyrobocop_pyomo.trajectories import Trajectory
@@ -585,25 +585,6 @@ class PhaseBlockData(BuiltBlockData):
         """
         checked = self.trajectory() if trajectory is None else trajectory
         return reintegrate(self, checked, initial=initial)
-
-    def element_errors(self, trajectory: Trajectory | None = None) -> Array:
-        """How far each element ends from where the equations lead from its own start, shape ``(N,)``.
-
-        As `verify` does, and `reintegrate`.
-
-        Parameters
-        ----------
-        trajectory : Trajectory, optional
-            The phase's current values by default.
-
-        Raises
-        ------
-        TrajectoryError
-            When there are no states, or a step map leads them, or the equations do not determine the algebraics.
-        """
-        checked = self.trajectory() if trajectory is None else trajectory
-        found = reintegrate(self, checked)
-        return found.end_errors(found.local, checked)
 
     # ---------------------------------------------------------------- construction
 

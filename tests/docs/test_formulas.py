@@ -70,7 +70,7 @@ def test_error_of_an_element_is_the_distance_from_its_own_motion_and_falls_with_
     for elements in (8, 16):
         b = decaying(elements, scheme)
         trajectory = b.simulate(method="scheme")
-        errors = b.element_errors(trajectory)
+        errors = trajectory.verify().element_errors
         starts = trajectory.x[np.isin(trajectory.time, trajectory.grid.mesh.boundaries)]
         for i, (start, end) in enumerate(pairwise(trajectory.grid.mesh.boundaries)):
             # z' = -3 z + t from the element's start, by hand

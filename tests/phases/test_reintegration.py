@@ -246,12 +246,12 @@ def test_an_integrand_may_read_the_model_otherwise_than_through_its_first_argume
 def test_errors_that_cannot_be_estimated_are_explained() -> None:
     _, b = one_phase(elements=2, u=rcp.Control())
     with pytest.raises(TrajectoryError, match="has no states: there is no error to estimate"):
-        b.element_errors()
+        b.reintegrate()
     b.x, b.f, b.g = rcp.State(), rcp.Algebraic(), rcp.Algebraic()
     b.ode(lambda b, t: {})
     b.residual(lambda b, t: [b.derivative(b.x)[t] == b.u[t] + b.f[t], b.f[t] == b.g[t]], name="half")
     with pytest.raises(TrajectoryError, match="the motion depends on .*, of which 'half' can determine only some"):
-        b.element_errors()
+        b.reintegrate()
 
 
 # --------------------------------------------------------------------
@@ -273,7 +273,7 @@ def test_the_error_of_a_stiff_element_is_that_of_the_exact_motion() -> None:
         return RATE * (RATE * cos(t) + sin(t)) / (RATE**2 + 1)
 
     exact = steady(1.0) + (1.0 - steady(0.0)) * exp(-RATE)
-    (error,) = b.element_errors(b.trajectory())
+    (error,) = b.trajectory().verify().element_errors
     assert error == pytest.approx(abs(planned[1.0] - exact), rel=1e-6)
 
 

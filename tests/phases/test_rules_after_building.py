@@ -134,7 +134,7 @@ def go_through(m: pyo.ConcreteModel, folder: Path) -> None:
         trajectory.plot()
         b.verify(trajectory)
         b.initialize(trajectory)
-        for act in (b.simulate, b.reintegrate, b.element_errors, lambda b=b: rcp.remesh_phases({b: 16})):
+        for act in (b.simulate, b.reintegrate, lambda b=b: rcp.remesh_phases({b: 16})):
             with suppress(rcp.errors.PyRobocopError):
                 act()
         if b.component("avoid") is not None:

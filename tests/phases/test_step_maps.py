@@ -221,7 +221,7 @@ def test_a_state_has_one_equation() -> None:
 def test_there_is_no_error_of_discretisation() -> None:
     b = mixed()
     with pytest.raises(TrajectoryError, match="no error of discretisation of count, x. Step maps lead them"):
-        b.element_errors(b.simulate())
+        b.reintegrate(b.simulate())
     other = phase(rcp.schemes.radau(2))
     other.v, other.x, other.count = rcp.State(initial=1), rcp.State(initial=0), rcp.State(initial=0)
     other.drag = rcp.Algebraic()
