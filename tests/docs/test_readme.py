@@ -205,6 +205,16 @@ def test_templates_named_for_extension_points_exist() -> None:
     assert not missing
 
 
+def test_files_to_open_for_a_change_exist() -> None:
+    text = (ROOT / "docs" / "developer" / "changes.md").read_text(encoding="utf-8")
+    rows = [row for row in text.splitlines() if row.startswith("| ") and not row.startswith("| to change")]
+    assert len(rows) >= 10
+    named = re.findall(r"`((?:pyrobocop_pyomo|tests|docs)/[\w/.]+)`", text)
+    assert [name for name in named if not (ROOT / name).is_file()] == []
+    for name, words in re.findall(r"`(pyrobocop_pyomo/[\w/]+\.py)`[^|`]*`([\w.]+)`", text):
+        assert words.rpartition(".")[2] in (ROOT / name).read_text(encoding="utf-8")
+
+
 # --------------------------------------------------------------------
 # Figures and pictures of the pages are made by commands, which the pages name, and which the tests run coarsely.
 
