@@ -4,7 +4,6 @@ from .avoidance_block import ObstacleAvoidanceBlock, ObstacleAvoidanceBlockData,
 from .containment import Containment, ContainmentData, containments
 from .motion_verification import verify_motion
 from .pictures import animate_avoidance, draw_avoidance
-from .waypoint_initial_guess import waypoint_initial_guess
 
 __all__ = [
     "Containment",
@@ -16,5 +15,4 @@ __all__ = [
     "containments",
     "draw_avoidance",
     "verify_motion",
-    "waypoint_initial_guess",
 ]

@@ -18,7 +18,7 @@ from functools import lru_cache
 import numpy as np
 
 from pyrobocop_pyomo.errors import ObstacleError
-from pyrobocop_pyomo.geometry import Polytope, distance_of_points
+from pyrobocop_pyomo.geometry import Polytope, signed_distance
 from pyrobocop_pyomo.geometry.polyhedra import EmptyInterior, largest_ball
 from pyrobocop_pyomo.motion.rules_along_motion import is_clearance_rule
 from pyrobocop_pyomo.numerics import Array
@@ -78,7 +78,7 @@ def check_gaps(snapshot: Snapshot) -> None:
             asked = record.asked[pair]
             walls.append(wall)
             least = 0.0 if is_clearance_rule(asked) else least_possible(asked)
-            grown.append(balls.inner + least + wall.shape.radius)  # for the middle of the disc
+            grown.append(balls.inner + least)  # for the middle of the disc
         shapes = [wall.shape for wall in walls]
         gaps = closed_gaps(tuple(shapes), tuple(grown))
         unbounded = [k for k, shape in enumerate(shapes) if not shape.is_bounded]
@@ -101,8 +101,8 @@ def closed_gaps(shapes: tuple[Polytope, ...], widths: tuple[float, ...]) -> list
     if len(shapes) < 2:
         return []
     grown = np.array(widths)
-    low = np.array([shape.vertices.min(axis=0) for shape in shapes]) - grown[:, None]
-    high = np.array([shape.vertices.max(axis=0) for shape in shapes]) + grown[:, None]
+    low = np.array([shape.bounding_box[0] for shape in shapes]) - grown[:, None]
+    high = np.array([shape.bounding_box[1] for shape in shapes]) + grown[:, None]
     size = float(np.ptp(np.concatenate([low, high]), axis=0).max())
     slack = NEGLIGIBLE * size  # more than rounding explains
     unbounded = [not shape.is_bounded for shape in shapes]
@@ -113,11 +113,11 @@ def closed_gaps(shapes: tuple[Polytope, ...], widths: tuple[float, ...]) -> list
         first, second = shapes[i], shapes[j]
         if unbounded[i] and unbounded[j]:
             continue  # they meet at infinity
-        near = distance_of_points(first.vertices, second.vertices, first.rays, second.rays)
+        near = signed_distance(first, second)
         room = float(grown[i] + grown[j])
         if not near.distance < room - slack:
             continue
-        if near.distance > -room + slack:
+        if near.distance > slack - room - 2.0 * (first.radius + second.radius):
             between = np.array([near.first_point, near.second_point])
         else:
             # Deep in each other: the straight line between the nearest points may leave both.
@@ -127,15 +127,14 @@ def closed_gaps(shapes: tuple[Polytope, ...], widths: tuple[float, ...]) -> list
             between = common[None, :]
         far = FAR * (size + float(np.abs(between).max()))
         path = np.vstack([_middle(first, between[0], far), between, _middle(second, between[-1], far)])
-        radii = first.radius + second.radius
-        gaps.append(ClosedGap(i, j, float(near.distance) - radii, room - radii, path))
+        gaps.append(ClosedGap(i, j, near.distance, room, path))
     return gaps
 
 
 def _middle(shape: Polytope, seen_from: Array, far: float) -> Array:
     """A point of the shape to which a straight line from a point of it stays inside; far away, if there is no end."""
     if shape.is_bounded:
-        return shape.vertices.mean(axis=0)
+        return shape.center
     return np.asarray(seen_from + far * shape.rays[0], dtype=np.float64)
 
 

@@ -24,7 +24,7 @@ def ring(count: int, radius: float, size: float, open_by: float = 0.0) -> list[P
 
 
 def separating_width(shapes: list[Polytope], grown: float, start: tuple, goal: tuple) -> float | None:
-    gaps = closed_gaps(tuple(shapes), tuple(grown + shape.radius for shape in shapes))
+    gaps = closed_gaps(tuple(shapes), (grown,) * len(shapes))
     unbounded = [k for k, shape in enumerate(shapes) if not shape.is_bounded]
     found = gap_that_separates(gaps, len(shapes), np.array(start), np.array(goal), unbounded)
     return None if found is None else found.width
@@ -46,8 +46,7 @@ def test_where_a_grid_finds_a_way_nothing_is_refused(seed: int, grown: float) ->
     free = np.argwhere(np.isfinite(cost))
     start = tuple(free[rng.integers(len(free))])
     # The line between two neighbouring cells that are free keeps at least this.
-    kept = np.array([grown - 0.08 + shape.radius for shape in shapes])
-    gaps = closed_gaps(tuple(shapes), tuple(kept.tolist()))
+    gaps = closed_gaps(tuple(shapes), (grown - 0.08,) * len(shapes))
     reached = np.isfinite(grid_distances(cost, np.full(2, 0.1), start))
     for cell in free[:: max(len(free) // 40, 1)]:
         if reached[tuple(cell)]:

@@ -9,7 +9,8 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import InitialGuessError
 from pyrobocop_pyomo.numerics.arrays import finite_numbers
-from pyrobocop_pyomo.phases.horizon import horizon_fraction
+
+from .horizon import horizon_fraction
 
 
 def waypoint_initial_guess(
