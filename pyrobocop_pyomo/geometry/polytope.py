@@ -303,10 +303,26 @@ class Polytope(Presented):
         if self.ellipsoids is None:
             return self
         unit = _around_ball(self.dimension)
-        corners = (self.vertices[:, None] + unit @ self.ellipsoids.swapaxes(1, 2)).reshape(-1, self.dimension)
         share = float(np.linalg.norm(unit, axis=1).max())
-        around = Polytope.hull(corners, radius=self.radius, name=self.name)
+        around = Polytope.hull(self.images(unit), radius=self.radius, name=self.name)
         return replace(around, excess=(share - 1.0) * float(np.linalg.norm(self.ellipsoids, 2, axis=(1, 2)).max()))
+
+    def images(self, unit: np.ndarray) -> np.ndarray:
+        """Points (k, d) of the ellipsoids that points of the unit ball stand for; corners where they are points."""
+        if self.ellipsoids is None:
+            return self.vertices
+        return np.asarray(self.vertices[:, None] + unit @ self.ellipsoids.swapaxes(1, 2)).reshape(-1, self.dimension)
+
+    @property
+    def covering(self) -> np.ndarray:
+        """Points (k, d) whose hull contains the shape, padding and rays apart: the corners, where these are points."""
+        return self.covered.vertices
+
+    @property
+    def pieces(self) -> list[tuple[list[float], np.ndarray | None]]:
+        """What a formulation needs of each corner: its place, and its ellipsoid, if it is one."""
+        ellipsoids = [None] * len(self.vertices) if self.ellipsoids is None else list(self.ellipsoids)
+        return list(zip(self.vertices.tolist(), ellipsoids, strict=True))
 
     @property
     def dimension(self) -> int:

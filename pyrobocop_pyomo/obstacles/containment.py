@@ -81,15 +81,11 @@ class ContainmentData(MotionBlockData):
         for time in times:
             self.margin[time] = 0.0
         sides = list(zip(*(part.tolist() for part in self._region.halfspaces), strict=True))
-        corners = [
-            (corner, part.radius, None if part.ellipsoids is None else part.ellipsoids[k])
-            for part in moving.parts
-            for k, corner in enumerate(part.vertices.tolist())
-        ]
+        corners = [(part.radius, *piece) for part in moving.parts for piece in part.pieces]
         with PauseGC():
             for time in times:
                 room = self.clearance + self.margin[time]
-                for number, (corner, radius, ellipsoid) in enumerate(corners):
+                for number, (radius, corner, ellipsoid) in enumerate(corners):
                     pose = poses["body", time]
                     point = pose.apply(corner)
                     for side, (outwards, offset) in enumerate(sides):
@@ -252,8 +248,7 @@ def _size(body: Body) -> float:
 def _check_region(label: str, region: Any, body: Body) -> None:
     if not isinstance(region, Polytope):
         raise ObstacleError(
-            f"{label}: region is {region!r}; expected a Polytope, bounded or not, such as "
-            "rcp.Polytope.from_vertices(corners)."
+            f"{label}: region is {region!r}; expected a Polytope, bounded or not, such as rcp.Polytope.hull(corners)."
         )
     if region.dimension != body.dimension:
         raise ObstacleError(

@@ -151,8 +151,7 @@ def _candidates(first: Polytope, second: Polytope, extra: list[Array]) -> Array:
     The axes are included because shapes without an interior, such as points, have no facets.
     """
     axes = np.vstack([np.eye(first.dimension), -np.eye(first.dimension)])
-    around = first.covered, second.covered
-    facets = separating_directions(around[0].vertices, around[1].vertices, first.rays, second.rays)
+    facets = separating_directions(first.covering, second.covering, first.rays, second.rays)
     directions = np.vstack([facets, axes, *extra])
     blocked = ((second.rays @ directions.T) > 1e-9).any(axis=0) | ((first.rays @ directions.T) < -1e-9).any(axis=0)
     return directions[~blocked] if not blocked.all() else directions[-1:]

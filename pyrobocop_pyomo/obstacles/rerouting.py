@@ -116,13 +116,13 @@ class InnerAndOuterBall:
     @classmethod
     def of(cls, shape: Polytope) -> InnerAndOuterBall:
         """About the mean of the corners."""
-        middle, inner, around = shape.center, 0.0, shape.covered
+        middle, inner = shape.center, 0.0
         if not shape.is_flat:
             normals, offsets = shape.halfspaces
             inner = float((offsets - normals @ middle).min())
         elif shape.ellipsoids is not None:
             inner = float(np.linalg.norm(shape.ellipsoids, -2, axis=(1, 2)).min())
-        outer = float(np.linalg.norm(around.vertices - middle, axis=1).max())
+        outer = float(np.linalg.norm(shape.covering - middle, axis=1).max())
         return cls(middle, max(inner, 0.0) + shape.radius, outer + shape.radius)
 
 
@@ -220,7 +220,7 @@ def distance_lower_bounds(points: Array, obstacles: Sequence[Polytope]) -> Array
             normals, offsets = obstacle.halfspaces
             bound = np.maximum(bound, (points @ normals.T - offsets).max(axis=1))
         if obstacle.is_bounded:
-            below, above = obstacle.vertices.min(axis=0), obstacle.vertices.max(axis=0)
+            below, above = obstacle.bounding_box[0] + obstacle.radius, obstacle.bounding_box[1] - obstacle.radius
             outside = np.maximum(below - points, points - above)
             bound = np.maximum(bound, np.where(outside.max(axis=1) > 0, np.linalg.norm(outside.clip(0), axis=1), bound))
         found = np.minimum(found, bound - obstacle.radius)

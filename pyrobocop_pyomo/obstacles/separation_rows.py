@@ -1,13 +1,13 @@
-"""Separations as variables and rows: adding and removing them, their start values; both shapes by their vertices.
+"""Separations as variables and rows: adding and removing them, their start values; both shapes by their corners.
 
-A plane has a normal ``n`` and an offset ``c``. Its rows, for vertices ``V_i`` of the first and ``W_j`` of the second
+A plane has a normal ``n`` and an offset ``c``. Its rows, for corners ``V_i`` of the first and ``W_j`` of the second
 shape at every pose ``(R, t)`` that it covers::
 
     n.(R1 V_i + t1) >= c + required        n.(R2 W_j + t2) <= c        n.n <= 1 or n.n = 1
 
 Rays ``r`` of unbounded shapes add ``n.R1 r >= 0`` and ``n.R2 r <= 0``. An ellipsoid ``V + B u, |u| <= 1`` takes
 ``|B'R1'n|`` off the left side, or adds it in the second row. For two shapes in the plane with v and w
-vertices that is 3 variables and v + w + 1 rows per pose (Fan, Murgovski & Liang, arXiv:2312.17440).
+corners that is 3 variables and v + w + 1 rows per pose (Fan, Murgovski & Liang, arXiv:2312.17440).
 """
 
 from __future__ import annotations
@@ -203,13 +203,12 @@ def _state_side(
     nearly twice as long, and these rows much of the time of a scene.
     """
     products = [MonomialTermExpression if entry.is_variable_type() else ProductExpression for entry in direction]
-    heights: list[Any] = [
-        SumExpression([*(of((c, e)) for of, c, e in zip(products, corner, direction, strict=True) if c), level])
-        for corner in shape.vertices.tolist()
-    ]
-    if shape.ellipsoids is not None:
-        extents = [extent_along(direction, ellipsoid) for ellipsoid in shape.ellipsoids]
-        heights = [h - e if upward else h + e for h, e in zip(heights, extents, strict=True)]
+    heights: list[Any] = []
+    for corner, ellipsoid in shape.pieces:
+        parts = (of((c, e)) for of, c, e in zip(products, corner, direction, strict=True) if c)
+        height = SumExpression([*parts, level])
+        extent = 0.0 if ellipsoid is None else extent_along(direction, ellipsoid)
+        heights.append(height if ellipsoid is None else height - extent if upward else height + extent)
     heights += [dot(ray, direction) for ray in shape.rays.tolist()]
     for number, height in enumerate(heights):
         sides = (0.0, height) if upward else (height, 0.0)

@@ -55,11 +55,7 @@ def faces(shape: Any, view: Array | None = None) -> list[Array]:
 
 def _within(shape: Any, view: Array | None) -> Array:
     """Points whose hull is what is seen of a shape; in the plane a bounded one is left whole, and flat ones are."""
-    points = np.asarray(shape.vertices, dtype=float)
-    if shape.ellipsoids is not None:
-        around = _unit_ball(shape.dimension) @ shape.ellipsoids.swapaxes(1, 2)
-        points = (points[:, None, :] + around).reshape(-1, shape.dimension)
-    points = padded(points, float(shape.radius))
+    points = padded(np.asarray(shape.images(_unit_ball(shape.dimension)), dtype=float), float(shape.radius))
     frame = _frame(view, points) if view is None or shape.dimension == 2 else np.asarray(view, dtype=float)
     if shape.is_bounded:
         is_inside = np.all(frame[0] <= points.min(axis=0)) and np.all(points.max(axis=0) <= frame[1])

@@ -309,7 +309,7 @@ class BodyPath:
 
     def places(self) -> Array:
         """All corners over time, shape (T, v, d)."""
-        corners = np.concatenate([part.covered.vertices for part in self.parts])  # type: ignore[union-attr]
+        corners = np.concatenate([part.covering for part in self.parts])  # type: ignore[union-attr]
         return corners @ self.rotation.transpose(0, 2, 1) + self.translation[:, None, :]
 
     def polygons(self) -> list[Array]:

@@ -44,6 +44,22 @@ def test_imports_only_point_left() -> None:
     assert not offenders, "\n".join(offenders)
 
 
+# Meshes of trimesh have vertices, too.
+MESHES = {"contrib/robots/decomposition.py", "contrib/robots/collision_shapes.py"}
+
+
+def test_only_geometry_knows_the_vertices_of_a_shape() -> None:
+    """Others ask how high a shape is, for points that cover it, or for the pieces that a formulation needs."""
+    offenders = [
+        f"{path}, line {node.lineno}"
+        for path, tree in folder_trees().items()
+        if path.parts[0] != "geometry" and path.as_posix() not in MESHES
+        for node in nodes(tree, ast.Attribute)
+        if node.attr == "vertices"
+    ]
+    assert not offenders, "\n".join(offenders)
+
+
 def test_no_import_hides_inside_a_function() -> None:
     """An import inside a function would dodge a cycle: a cycle means that a concept lives in the wrong folder."""
     offenders = [

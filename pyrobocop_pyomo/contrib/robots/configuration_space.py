@@ -170,8 +170,8 @@ class ConfigurationSpace:
         self._pairs = np.array([[number[a], number[b]] for a, b in pairs])
         self._clearances = np.array(clearances)
         self._radii = np.array([part.shape.radius for _, part in self._parts])
-        vertices = np.vstack([part.shape.covered.vertices for _, part in self._parts])
-        self._extent = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+        everything = np.vstack([part.shape.covering for _, part in self._parts])
+        self._extent = float(np.linalg.norm(np.ptp(everything, axis=0)))
         corners = [self._corners_of(part) for _, part in self._parts]
         count = max(map(len, corners))
         # All shapes get as many: the first corner is repeated.
@@ -183,7 +183,7 @@ class ConfigurationSpace:
 
     def _corners_of(self, part: ConvexPart) -> Array:
         """Corners of a shape, and far ones for its rays."""
-        corners, rays = part.shape.covered.vertices, part.shape.rays
+        corners, rays = part.shape.covering, part.shape.rays
         away = (*rays, rays.sum(axis=0)) if len(rays) else ()
         return np.vstack([corners, *(corners[:1] + FAR * self._extent * ray for ray in away)])
 

@@ -98,9 +98,9 @@ class FreeSpace:
         sides, reaches = _sides(body)
         every = [_sides(obstacle) for obstacle in obstacles]
         corners = [_corners(obstacle, scene) for obstacle in obstacles]
-        discs, disc_radius = _covering_discs(np.array(body.vertices))
+        discs, disc_radius = _covering_discs(np.array(body.covering))
         return cls(
-            corners=np.array(body.vertices),
+            corners=np.array(body.covering),
             sides=sides,
             reaches=reaches,
             discs=discs,
@@ -297,22 +297,22 @@ def _sides(shape: Polytope) -> tuple[Array, Array]:
     """Outward unit normals and offsets; of a segment its two sides and ends, of a point any four."""
     if not shape.is_flat:
         return shape.halfspaces
-    along = shape.vertices[-1] - shape.vertices[0] if shape.is_bounded else shape.rays[0]
+    along = shape.covering[-1] - shape.covering[0] if shape.is_bounded else shape.rays[0]
     length = float(np.linalg.norm(along))
     along = along / length if length > 0.0 else np.array([1.0, 0.0])
     across = np.array([-along[1], along[0]])
     normals = np.array([across, -across] if not shape.is_bounded else [across, -across, along, -along])
-    return normals, (normals @ shape.vertices.T).max(axis=1)
+    return normals, (normals @ shape.covering.T).max(axis=1)
 
 
 def _corners(shape: Polytope, scene: float) -> Array:
     """Corners, and in place of rays corners far away."""
     if shape.is_bounded:
-        return np.array(shape.vertices)
+        return np.array(shape.covering)
     # The middle of two rays as well: without it the cut would pass close by a wedge that is nearly a half-plane.
     rays = [*shape.rays, *(a + b for i, a in enumerate(shape.rays) for b in shape.rays[:i])]
     directions = [ray / np.linalg.norm(ray) for ray in rays if np.linalg.norm(ray) > 1e-6]
-    return np.vstack([shape.vertices, *(shape.vertices + FAR * scene * ray for ray in directions)])
+    return np.vstack([shape.covering, *(shape.covering + FAR * scene * ray for ray in directions)])
 
 
 def _between_corners(own: Array, other: Array) -> Array:

@@ -217,7 +217,7 @@ def convex_parts(outline: Sequence[Sequence[float]] | Array, name: str) -> list[
     keep = np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1) > 1e-12 * extent
     points = points[keep] if keep.any() else points[:1]
     hull = Polytope.hull(points, name=name, allow_flat=True)
-    if hull.is_flat or len(points) == len(hull.vertices) == 3:
+    if hull.is_flat or len(points) == len(hull.covering) == 3:
         return [hull]
     polygon = shapely.Polygon(points)
     if not polygon.is_valid:

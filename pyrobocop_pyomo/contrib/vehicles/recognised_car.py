@@ -285,7 +285,7 @@ def _in_frame(block: Any, body: str, frame: Frame) -> Polytope:
     parts = [part.shape for part in block.record.scene.parts_of(body)]
     if not all(part.is_bounded for part in parts):
         raise ObstacleError(f"'{body}' is not bounded.")
-    corners = np.vstack([part.covered.vertices for part in parts])
+    corners = np.vstack([part.covering for part in parts])
     turn = np.array([[math.cos(frame[2]), -math.sin(frame[2])], [math.sin(frame[2]), math.cos(frame[2])]])
     return Polytope.hull((corners - frame[:2]) @ turn, radius=max(part.radius for part in parts), name=body)
 
