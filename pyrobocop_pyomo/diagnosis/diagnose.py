@@ -18,6 +18,7 @@ from .findings import Diagnosis, Finding, Severity, error_about, quoted, warning
 from .joining import joining_findings
 from .linearised_rows import Equations
 from .statements import (
+    foreign_findings,
     form_findings,
     free_controls,
     misplaced_findings,
@@ -86,10 +87,18 @@ def diagnose(model: Any) -> Diagnosis:
     return Diagnosis(model.name, tuple(findings), tuple(map(counts_of, counted)), tuple(remarks))
 
 
-def shared_findings(model: Any) -> Iterator[Finding]:
-    """What both a solve and a diagnosis look at, beside given values."""
+def shared_findings(model: Any, rows_of_each: int | None = None) -> Iterator[Finding]:
+    """What both a solve and a diagnosis look at, beside given values.
+
+    Parameters
+    ----------
+    model : Block
+    rows_of_each : int, optional
+        How many rows of each component are looked at for variables of another model; all by default.
+    """
     yield from scaled_pair_findings(model)
     yield from unfinished_findings(model)
+    yield from foreign_findings(model, rows_of_each)
     if not is_renamed(model):
         yield from joining_findings(model)
 
@@ -127,8 +136,9 @@ def doubts_before_solve(model: Any) -> tuple[Finding, ...]:
     ModelError
         When the model says something that nothing is done with.
     """
+    # One row tells of most components; a variable that is met elsewhere is refused when the model is compiled.
     contradictions = [*bound_findings(model), *start_findings(model, [])]
-    findings = [*misplaced_findings(model), *shared_findings(model)]
+    findings = [*misplaced_findings(model), *shared_findings(model, rows_of_each=1)]
     for phase in phases_of(model):
         # Where some variables have no units, units are no more than labels.
         declarations = phase.record.declarations.values()

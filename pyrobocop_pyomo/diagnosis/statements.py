@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import islice
+from itertools import chain, islice
 from typing import Any
 
 from pyomo.core.base.block import Block, BlockData
@@ -21,8 +21,9 @@ from pyrobocop_pyomo.complementarity.absolute_values import has_kink, is_smooth_
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES, active_sources
 from pyrobocop_pyomo.errors import ComplementarityError, ModelError
 from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES
+from pyrobocop_pyomo.modeling.foreign_variables import ONE_MODEL, foreign_read, foreign_variable
 from pyrobocop_pyomo.modeling.rows_by_rule import as_read, follows_rule
-from pyrobocop_pyomo.modeling.shared_nodes import topmost_nodes, variables_in
+from pyrobocop_pyomo.modeling.shared_nodes import topmost_nodes, variables_in, variables_in_any
 from pyrobocop_pyomo.phases import Control, phases_of
 from pyrobocop_pyomo.phases.declarations import Declaration
 from pyrobocop_pyomo.phases.structure import sides_of
@@ -60,6 +61,25 @@ def statement_findings(block: Any) -> Iterator[Finding]:
                 (phase.name,),
                 "Declare what has a derivative as State.",
             )
+
+
+def foreign_findings(block: Any, rows_of_each: int | None = None) -> Iterator[Finding]:
+    """Components that read free variables of another model.
+
+    Parameters
+    ----------
+    block : Block
+    rows_of_each : int, optional
+        How many rows or pairs of each component are looked at, and no objectives, which are one long row; all by
+        default.
+    """
+    kinds = (Constraint, *PAIR_TYPES) if rows_of_each is not None else (Constraint, Objective, *PAIR_TYPES)
+    for component in block.component_objects(kinds, active=True, descend_into=Block):
+        rows = islice((row for row in component.values() if row.active), rows_of_each)
+        read = variables_in_any(chain.from_iterable(map(sides_of, rows))).values()
+        foreign = foreign_variable(block, (variable for variable in read if not variable.fixed))
+        if foreign is not None:
+            yield error_about(f"'{component.name}' {foreign_read(foreign, block)}", (component.name,), ONE_MODEL)
 
 
 def unfinished_findings(block: Any) -> Iterator[Finding]:

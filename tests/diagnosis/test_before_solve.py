@@ -388,12 +388,27 @@ def test_an_objective_that_chooses_nothing_is_doubted_in_the_first_lines(spoil: 
     assert rcp.diagnose(m).findings == result.doubts
 
 
+@pytest.mark.parametrize("off", ["a", "b"])
+def test_a_deactivated_phase_that_is_read_is_doubted(off: str) -> None:
+    """At 0.5 the effort of both is least; without the equations of one of them it is 0."""
+    m = reaching("a", "b")
+    m.link = rcp.Link(m.a, m.b)
+    m.component(off).deactivate()
+    (doubt,) = doubts_before_solve(m)
+    assert f"phase '{off}' is deactivated" in doubt.message
+    assert doubt.components == (off, "cost", "link.continuity")
+    m.link.deactivate()
+    m.cost.set_value(m.a.integral(lambda b, t: b.u[t] ** 2))
+    assert [found.components for found in doubts_before_solve(m)] == ([("a", "cost")] if off == "a" else [])
+
+
 @pytest.mark.parametrize(
     ("keywords", "left"),
     [
         ({}, []),
         ({"states": ["x"]}, ["'y'"]),
         ({"states": ["x"], "jump": lambda pre, post: {"y": 2 * pre.y}}, []),
+        ({"jump": lambda pre, post: post.x + post.y == pre.x}, ["'y'"]),
         ({"jump": lambda pre, post: [post.x + post.y == pre.x, post.x - post.y == pre.y]}, []),
         ({"jump": lambda pre, post: post.y >= pre.y}, []),
         ({"omit": ["y"]}, []),
