@@ -33,7 +33,7 @@ SAME_OBJECTIVE = 1e-4
 # more pairs, the less a look beyond the nearest solution pays: at twice as many there is none, unless it is requested.
 # It may take this long in any case: where a solve ends after tenths of a second, its answer is not to depend
 # on which of them the machine was busy in.
-EXPLORED_SECONDS = 1.0
+EXPLORED_SECONDS = 0.3
 # By default it may take as many iterations of Ipopt as the rest of the solve took, linear programs counted as parts of
 # one, but so many in any case: unlike seconds, these are the same on every machine.
 EXPLORED_WORK = 300
