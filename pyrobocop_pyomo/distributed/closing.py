@@ -12,7 +12,7 @@ from pyrobocop_pyomo.errors import TeamError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.planning import solve
-from pyrobocop_pyomo.solving.iterates import Tolerances
+from pyrobocop_pyomo.solving.iterates import StopReason, Tolerances
 from pyrobocop_pyomo.solving.model_check import ModelCheck
 from pyrobocop_pyomo.studies.persistent_nlp import PersistentNLP
 
@@ -145,7 +145,7 @@ class ClosedPlan:
         Sum over the agents.
     violation : float
         Largest violation of a row or bound of the agents' models, relative to its size; infinite where no point could
-        be used.
+        be used, and without pairs where it is no solution.
     status : str
         Name of the last `IpoptStatus`, without pairs of the `StopReason`.
     iterations : int
@@ -186,8 +186,10 @@ def _solved(team: Any, start: Mapping[str, Mapping[str, Array]]) -> ClosedPlan:
     merged = team.central()
     merged.put_on(start)
     result = solve(merged.model, mesh_tolerance=None, progress=False)
+    if result.stop_reason is StopReason.INTERRUPTED:
+        raise KeyboardInterrupt  # whoever pressed Ctrl-C wants the rounds to stop
     plan = ClosedPlan({}, None, float("nan"), status=result.stop_reason.name, iterations=result.iterations)
-    plan.take(team, merged, ModelCheck(merged.model).violations()[1])
+    plan.take(team, merged, ModelCheck(merged.model).violations()[1] if result.solved else float("inf"))
     return plan
 
 
