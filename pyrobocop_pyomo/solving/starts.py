@@ -131,10 +131,8 @@ def defined_start(model: Any) -> str:
             RandomStarts(model, 0, {None: spread}).put(draw)
         if not named_undefined_rows(model):
             drawn = f", and random values within {spread:.3g} of their sizes or bounds around these" if draw else ""
-            return (
-                f"The initial guess could not be evaluated: {undefined}. Started instead with states without an "
-                f"initial guess on straight lines between their ends{drawn}."
-            )
+            start = f"states without an initial guess on straight lines between their ends{drawn}"
+            return f"The initial guess could not be evaluated: {undefined}. Started instead with {start}."
     before.restore()
     return ""
 
