@@ -319,7 +319,7 @@ class Polytope(Presented):
         return self.covered.vertices
 
     @property
-    def pieces(self) -> list[tuple[list[float], np.ndarray | None]]:
+    def corners(self) -> list[tuple[list[float], np.ndarray | None]]:
         """What a formulation needs of each corner: its place, and its ellipsoid, if it is one."""
         ellipsoids = [None] * len(self.vertices) if self.ellipsoids is None else list(self.ellipsoids)
         return list(zip(self.vertices.tolist(), ellipsoids, strict=True))

@@ -81,7 +81,9 @@ class ContainmentData(MotionBlockData):
         for time in times:
             self.margin[time] = 0.0
         sides = list(zip(*(part.tolist() for part in self._region.halfspaces), strict=True))
-        corners = [(part.radius, *piece) for part in moving.parts for piece in part.pieces]
+        corners = [
+            (part.radius, *corner_and_ellipsoid) for part in moving.parts for corner_and_ellipsoid in part.corners
+        ]
         with PauseGC():
             for time in times:
                 room = self.clearance + self.margin[time]

@@ -204,7 +204,7 @@ def _state_side(
     """
     products = [MonomialTermExpression if entry.is_variable_type() else ProductExpression for entry in direction]
     heights: list[Any] = []
-    for corner, ellipsoid in shape.pieces:
+    for corner, ellipsoid in shape.corners:
         parts = (of((c, e)) for of, c, e in zip(products, corner, direction, strict=True) if c)
         height = SumExpression([*parts, level])
         extent = 0.0 if ellipsoid is None else extent_along(direction, ellipsoid)

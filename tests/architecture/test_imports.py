@@ -49,7 +49,7 @@ MESHES = {"contrib/robots/decomposition.py", "contrib/robots/collision_shapes.py
 
 
 def test_only_geometry_knows_the_vertices_of_a_shape() -> None:
-    """Others ask how high a shape is, for points that cover it, or for the pieces that a formulation needs."""
+    """Others ask how high a shape is, for points that cover it, or for the corners that a formulation needs."""
     offenders = [
         f"{path}, line {node.lineno}"
         for path, tree in folder_trees().items()
