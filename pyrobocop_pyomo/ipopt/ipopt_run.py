@@ -23,7 +23,7 @@ from pyrobocop_pyomo.errors import EvaluationError, ModelError
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
 from pyrobocop_pyomo.native.c_output import c_output_captured, c_output_sent_to, flush_c_streams
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint, ProblemScaling
-from pyrobocop_pyomo.programs.vectorised_program import EVALUATIONS, compiled_functions_of
+from pyrobocop_pyomo.programs.vectorised_program import EVALUATIONS, compiled_run_of
 
 from .ipopt_library import EvalF, EvalG, EvalGradF, EvalH, EvalJacG, Intermediate, IpoptLibrary, load_ipopt_library
 from .ipopt_outcome import IpoptOutcome, IpoptStatus, IterationRecord
@@ -86,11 +86,14 @@ class IpoptCallbacks:
 
     def __init__(self, nlp: NonlinearProgram, on_iteration: OnIteration | None) -> None:
         self.nlp = nlp
-        self._compiled, compiled = compiled_functions_of(nlp)
+        self._compiled = compiled_run_of(nlp)
         self.data = None if self._compiled is None else self._compiled.data
         self.begin(on_iteration)
-        functions: dict[str, Any] = {name: partial(self._answered, self._evaluate, name) for name in EVALUATIONS}
-        functions |= compiled
+        functions: Mapping[str, Any] = (
+            {name: partial(self._answered, self._evaluate, name) for name in EVALUATIONS}
+            if self._compiled is None
+            else self._compiled.functions
+        )
         kinds = (EvalF, EvalG, EvalGradF, EvalJacG, EvalH)
         # ctypes does not keep callbacks alive: these attributes do, for as long as the problem exists.
         self.evaluators: tuple[Any, ...] = tuple(

@@ -101,12 +101,9 @@ class Limits:
         For one linear program with complementarity constraints.
     exploring_radii, polishing_radii : tuple of float
         Trust radii for the search beyond a B-stationary point, and for a branch at a point that was made exact.
-    exploring_nodes : int
-        Of the search tree, for one linear program of that search: its answer is not to depend on the machine.
-    exploring_gap : float
-        Relative distance from its optimum at which such a program may stop: a direction is wanted, no proof.
     descent_gap : float
-        The same for a program that says whether any branch descends: a direction nearly as good leads on too.
+        Relative distance from its optimum at which a program may stop that says whether any branch descends: a
+        direction nearly as good leads on too.
     descent_nodes : int
         Of the search tree for that question, and for a branch at a point that was made exact; without an answer the
         certificate is unknown.
@@ -126,8 +123,6 @@ class Limits:
     lpec_seconds: float = 5.0
     exploring_radii: tuple[float, ...] = (1.0, 1e1, 1e2, 1e3)
     polishing_radii: tuple[float, ...] = (1e-4, 1e-3, 1e-2, 1e-1)
-    exploring_nodes: int = 200
-    exploring_gap: float = 1e-2
     descent_gap: float = 0.3
     descent_nodes: int = 500
     exploring_iterations: int = 200
@@ -254,8 +249,7 @@ class ActiveSetSearch:
     ) -> BranchPoint:
         """Try the branches that look best from a B-stationary point when the trust region reaches far.
 
-        Where objective and rows are linear, the linear program with a large enough trust region knows the global
-        optimum; elsewhere it names branches worth solving. Each improvement starts the search anew.
+        Linear programs that hold more and more sides name these branches; each improvement starts the search anew.
 
         Parameters
         ----------
@@ -287,8 +281,7 @@ class ActiveSetSearch:
         for radius in self.limits.exploring_radii:
             if self._late():
                 return None
-            nodes, gap = self.limits.exploring_nodes, self.limits.exploring_gap
-            nearby = self._steepest(point, radius, node_limit=nodes, gap=gap)
+            nearby = self._steepest(point, radius, node_limit=0)  # a direction is wanted, no proof
             if nearby is None or nearby.branch.key() in tried or self._late():
                 continue
             tried.add(nearby.branch.key())

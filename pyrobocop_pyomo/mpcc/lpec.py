@@ -20,6 +20,9 @@ from .problem import Branch, ComplementarityProgram, Linearisation, Sides, branc
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
+# A side this small counts as zero: HiGHS meets bounds no better.
+ZERO_SIDE = 1e-7
+
 
 @dataclass(frozen=True, eq=False)
 class Descent:
@@ -79,7 +82,8 @@ def steepest_branch(
     radius : float
         Of the trust region, in the units of the variables.
     node_limit : int
-        Most nodes of the search tree: unlike seconds, the same on a busy machine.
+        Most nodes of the search tree: unlike seconds, the same on a busy machine. 0 for no tree, but the one choice
+        that linear programs lead to: nothing is proven then.
     stay : Branch, optional
         A branch through the point: only what descends more than this one is looked for.
     least_gain : float
@@ -90,7 +94,7 @@ def steepest_branch(
     gap : float
         Relative distance from the optimum at which the search may stop.
     on_nodes : callable, optional
-        Told how many nodes it took.
+        Told how many nodes and linear programs it took.
 
     Returns
     -------
@@ -181,12 +185,21 @@ class _SideChoices(NamedTuple):
     ) -> tuple[FloatArray | None, BoolArray, bool, int]:
         """The least cost below a ceiling: its point, whether a is zero there, whether that is proven, and the nodes.
 
-        `nearest` is returned where there is none.
+        `nearest` is returned where there is none. A tree is searched only where the choice that linear programs lead to
+        may be farther from the optimum than the gap.
         """
-        if not nearest.size:
-            answer = self.linear.solve(deadline)
-            return answer.x, nearest, answer.status is not LinearStatus.STOPPED, answer.nodes
-        program, nodes = self._with_binaries(ceiling), 0
+        relaxed = self.linear.solve(deadline)
+        if relaxed.x is None:
+            return None, nearest, relaxed.status is LinearStatus.INFEASIBLE, relaxed.nodes
+        bound = float(self.linear.cost @ relaxed.x)
+        if not bound < ceiling:
+            return None, nearest, True, relaxed.nodes
+        x, chosen, nodes = self._decided_in_steps(relaxed.x, nearest, ceiling, deadline)
+        cost = np.inf if x is None else float(self.linear.cost @ x)
+        is_near = x is not None and cost - bound <= gap * abs(cost)
+        if is_near or not node_limit:
+            return x, chosen, is_near, nodes
+        program = self._with_binaries(ceiling)
         while True:
             answer = program.solve(deadline, node_limit, gap)
             nodes += answer.nodes
@@ -201,6 +214,38 @@ class _SideChoices(NamedTuple):
             if answer.status is not LinearStatus.SOLVED or 2**nearest.size > node_limit:
                 return None, nearest, False, nodes
             program = program.without_binaries(chosen)
+
+    def _decided_in_steps(
+        self, x: FloatArray, nearest: BoolArray, ceiling: float, deadline: Deadline
+    ) -> tuple[FloatArray | None, BoolArray, int]:
+        """A choice below a ceiling: its point, whether a is zero there, and how many linear programs it took.
+
+        From the optimum without any choice on, the smaller sides are held at zero of half of the pairs that are not met
+        there, those in which one side is the smallest part of the other. Where that leaves no point, the first of them
+        is held on its other side instead.
+        """
+        a_zero, b_zero = np.zeros((2, nearest.size), dtype=bool)
+        programs = 1
+        while True:
+            a, b = self.a.values(x), self.b.values(x)
+            smaller, larger = np.minimum(a, b), np.maximum(a, b)
+            unmet = np.flatnonzero(smaller > ZERO_SIDE)
+            if not unmet.size:
+                chosen = np.where(larger <= ZERO_SIDE, nearest, a <= b)
+                return x, (chosen | a_zero) & ~b_zero, programs
+            decided = unmet[np.argsort(smaller[unmet] / larger[unmet], kind="stable")][: (unmet.size + 1) // 2]
+            is_a, first = a[decided] <= b[decided], np.arange(nearest.size) == decided[0]
+            other = (a_zero, b_zero | first) if is_a[0] else (a_zero | first, b_zero)
+            held = a_zero.copy(), b_zero.copy()
+            held[0][decided[is_a]] = held[1][decided[~is_a]] = True
+            for a_zero, b_zero in (held, other):
+                candidate, cost = self.held(a_zero, b_zero, deadline)
+                programs += 1
+                if candidate is not None and cost < ceiling:
+                    x = candidate
+                    break
+            else:
+                return None, nearest, programs
 
     def _with_binaries(self, ceiling: float) -> LinearProgram:
         """One binary y per pair: ``a <= a_max (1 - y)`` and ``b <= b_max y``; and points of a lower cost only."""

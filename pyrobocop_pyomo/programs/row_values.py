@@ -121,12 +121,14 @@ class RowTerms:
         terms = [list(topmost_nodes((expression,), _is_term)) for expression in expressions]
         self._count = len(terms)
         self._rows = np.repeat(np.arange(self._count), list(map(len, terms)))
-        self._values = RowValues([term for several in terms for term in several])
+        self._terms = [term for several in terms for term in several]
+        self._arrays = RowValues(self._terms) if len(self._terms) >= MANY_TERMS else None
 
     def largest(self) -> Array:
         """Magnitude of the largest term of each expression now, numbers apart, and those without a value."""
         sizes = np.zeros(self._count)
-        np.fmax.at(sizes, self._rows, np.abs(self._values.values()))
+        values = np.array(list(map(number_or_nan, self._terms))) if self._arrays is None else self._arrays.values()
+        np.fmax.at(sizes, self._rows, np.abs(values))
         return sizes
 
 

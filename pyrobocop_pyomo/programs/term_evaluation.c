@@ -230,6 +230,7 @@ EXPORTED int32_t sums_hessian(const Sums *sums, const double *x, const double *w
 /* A program in the units of `x_scales` and so on (as `ScaledProgram` has them), and what happened in one run. */
 typedef struct {
     const Program *program;
+    const double *shifts; /* [row]: what is added to the rows, or NULL; it may change between evaluations */
     const double *x_scales, *gradient_scales, *row_scales, *entry_scales, *hessian_scales; /* NULL for ones */
     double objective_scale;
     double *x, *multipliers;  /* memory for the point and the multipliers in the program's units */
@@ -290,6 +291,8 @@ EXPORTED int32_t run_gradient(int32_t n, const double *x, int32_t new_x, double 
 EXPORTED int32_t run_constraints(int32_t n, const double *x, int32_t new_x, int32_t m, double *values, Run *run) {
     const int32_t done = sums_values(&run->program->rows, unscaled_point(run, x), values);
     (void)n, (void)new_x;
+    if (run->shifts)
+        for (int32_t i = 0; i < m; i++) values[i] += run->shifts[i];
     if (run->row_scales)
         for (int32_t i = 0; i < m; i++) values[i] /= run->row_scales[i];
     return noted(run, done, x, values, m, NULL);

@@ -41,8 +41,9 @@ class _ProgramStructure(ctypes.Structure):
 
 class _RunStructure(ctypes.Structure):
     _fields_ = (
-        ("program", _address), ("x_scales", _address), ("gradient_scales", _address), ("row_scales", _address),
-        ("entry_scales", _address), ("hessian_scales", _address), ("objective_scale", _number), ("x", _address),
+        ("program", _address), ("shifts", _address), ("x_scales", _address), ("gradient_scales", _address),
+        ("row_scales", _address), ("entry_scales", _address), ("hessian_scales", _address),
+        ("objective_scale", _number), ("x", _address),
         ("multipliers", _address), ("undefined_at", _address), ("undefined", _int), ("jacobian_rows", _address),
         ("jacobian_columns", _address), ("hessian_rows", _address), ("hessian_columns", _address),
     )  # fmt: skip
@@ -141,15 +142,9 @@ class VectorisedProgram:
         self.rows.add_hessian(x, multipliers, values)
         return finite(values, "CasADi", "Hessian of the Lagrangian")
 
-    def compiled_run(self, scales: Scales | None = None) -> CompiledRun | None:
-        """The functions for Ipopt without Python, None without the compiled evaluation; see `CompiledRun`.
-
-        Parameters
-        ----------
-        scales : Scales, optional
-            The units of the point that Ipopt has.
-        """
-        return None if self._library is None else CompiledRun(self, self._library, scales)
+    def compiled_run(self, scales: Scales | None = None, shifts: FloatArray | None = None) -> CompiledRun | None:
+        """The functions for Ipopt without Python, None without the compiled evaluation; see `CompiledRun`."""
+        return None if self._library is None else CompiledRun(self, self._library, scales, shifts)
 
 
 class CompiledRun:
@@ -161,6 +156,8 @@ class CompiledRun:
     library : ctypes.CDLL
     scales : Scales, optional
         The units of the point that Ipopt has; see `ScaledProgram`.
+    shifts : float array, shape (m,), optional
+        By how much rows are moved, read at each evaluation; see `ShiftedRows`.
 
     Attributes
     ----------
@@ -170,7 +167,13 @@ class CompiledRun:
         Address of what they get as their last argument.
     """
 
-    def __init__(self, program: VectorisedProgram, library: ctypes.CDLL, scales: Scales | None = None) -> None:
+    def __init__(
+        self,
+        program: VectorisedProgram,
+        library: ctypes.CDLL,
+        scales: Scales | None = None,
+        shifts: FloatArray | None = None,
+    ) -> None:
         jacobian, hessian = program.jacobian_structure, program.hessian_structure
         self._arrays: list[np.ndarray] = []
         self._owners = program.cost, program.rows
@@ -192,7 +195,8 @@ class CompiledRun:
             )
             units = [self._kept(factor) for factor in factors]
         self._run = _RunStructure(
-            ctypes.addressof(self._program), *units, objective_scale, self._kept(np.empty(program.n)),
+            ctypes.addressof(self._program), None if shifts is None else self._kept(shifts),
+            *units, objective_scale, self._kept(np.empty(program.n)),
             self._kept(np.empty(program.m)), self._undefined_at.ctypes.data, 0, *structures,
         )  # fmt: skip
         self.functions = {
@@ -217,37 +221,27 @@ class CompiledRun:
         return self._undefined_at.copy() if self._run.undefined else None
 
 
-def compiled_functions_of(nlp: NonlinearProgram) -> tuple[CompiledRun | None, dict[str, int]]:
-    """Functions of a program that Ipopt may call without Python, by name, and the run that they belong to.
+def compiled_run_of(
+    nlp: NonlinearProgram, scales: Scales | None = None, shifts: FloatArray | None = None
+) -> CompiledRun | None:
+    """The functions of a program for Ipopt without Python; None where Python has to evaluate any of them.
 
-    A program offers its functions by a method ``compiled_run(scales)``. Each of them counts as long as its own class
-    evaluates it: not where a subclass or a wrapper does so in another way, or where it was replaced on the object.
-    What a wrapper forwards as it is, as `ShiftedRows` does with all but the rows, counts.
+    A program offers them by a method ``compiled_run(scales, shifts)``. That counts as long as its own class evaluates
+    all functions, or forwards them as they are: not where a subclass does so in another way, or one was replaced on the
+    object.
     """
-    run, owner, found = None, None, {}
-    for name, structure in EVALUATIONS.items():
-        method = getattr(nlp, name, None)
-        program = getattr(method, "__self__", None)
-        if program is None or (owner is not None and program is not owner) or not _evaluates(program, name, method):
-            continue
-        if structure is not None and getattr(nlp, structure) is not getattr(program, structure):
-            continue
-        if owner is None:
-            run, owner = program.compiled_run(), program
-        if run is not None:
-            found[name] = run.functions[name]
-    return run, found
-
-
-def compiled_run_of(nlp: NonlinearProgram, scales: Scales) -> CompiledRun | None:
-    """All functions of a program in other units; None where Python has to evaluate any of them."""
-    if not all(_evaluates(nlp, name, getattr(nlp, name, None)) for name in EVALUATIONS):
+    own = vars(type(nlp))
+    if "compiled_run" not in own:
         return None
-    run: CompiledRun | None = nlp.compiled_run(scales)  # type: ignore[attr-defined]
+    inner = getattr(nlp, "nlp", None)
+    for name, structure in EVALUATIONS.items():
+        method = getattr(nlp, name)
+        if name in own:
+            is_known = getattr(method, "__func__", None) is own[name]
+        else:
+            is_kept = structure is None or getattr(nlp, structure) is getattr(inner, structure, None)
+            is_known = is_kept and method == getattr(inner, name, None)
+        if not is_known:
+            return None
+    run: CompiledRun | None = nlp.compiled_run(scales, shifts)  # type: ignore[attr-defined]
     return run
-
-
-def _evaluates(program: Any, name: str, method: Any) -> bool:
-    """Whether a method is the one of the program's class, which has compiled functions as well."""
-    own = vars(type(program))
-    return "compiled_run" in own and name in own and getattr(method, "__func__", None) is own[name]

@@ -43,6 +43,10 @@ class WrappedProgram:
                 # Forwarded as it is: one call less per evaluation.
                 setattr(self, name, getattr(nlp, name))
 
+    def compiled_run(self, scales: Scales | None = None, shifts: FloatArray | None = None) -> CompiledRun | None:
+        """The functions for Ipopt without Python; see `compiled_run_of`, and there what a subclass has to say."""
+        return compiled_run_of(self.nlp, scales, shifts)
+
 
 class ShiftedRows(WrappedProgram):
     """A nonlinear program whose marked rows are moved by a number that may change during a solve.
@@ -76,14 +80,26 @@ class ShiftedRows(WrappedProgram):
                 f"row {outside[0]} cannot be shifted: the program has {nlp.m} rows, numbered from 0. "
                 "Take the numbers from CompiledModel.row_of."
             )
-        self.delta: float | FloatArray = float(self.base.max(initial=0.0))
+        self._shifts = np.zeros(nlp.m)
+        self.delta = float(self.base.max(initial=0.0))
+
+    @property
+    def delta(self) -> float | FloatArray:
+        """The bound that the solver sees."""
+        return self._delta
+
+    @delta.setter
+    def delta(self, bound: float | FloatArray) -> None:
+        self._delta = bound
+        self._shifts[self.rows] = self.base - bound
 
     def constraints(self, x: FloatArray) -> FloatArray:
         """Values of g, the marked rows moved by base - delta."""
-        values = self.nlp.constraints(x).copy()
-        # Not an in-place sum per entry of `rows`: a row that is named twice is still moved once.
-        values[self.rows] = values[self.rows] + (self.base - self.delta)
-        return values
+        return self.nlp.constraints(x) + self._shifts
+
+    def compiled_run(self, scales: Scales | None = None, shifts: FloatArray | None = None) -> CompiledRun | None:
+        """The functions for Ipopt without Python, the rows moved as in Python; see `CompiledRun`."""
+        return compiled_run_of(self.nlp, scales, self._shifts) if shifts is None else None
 
 
 class WithoutRows(WrappedProgram):
@@ -169,9 +185,9 @@ class ScaledProgram(WrappedProgram):
         )
         return values * self._hessian_factors
 
-    def compiled_run(self, scales: Scales | None = None) -> CompiledRun | None:
+    def compiled_run(self, scales: Scales | None = None, shifts: FloatArray | None = None) -> CompiledRun | None:
         """The functions for Ipopt without Python, in these units; see `CompiledRun`."""
-        return compiled_run_of(self.nlp, self.scales) if scales is None else None
+        return compiled_run_of(self.nlp, self.scales) if scales is None and shifts is None else None
 
 
 class ElasticRows(WrappedProgram):
