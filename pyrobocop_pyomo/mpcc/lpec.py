@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
 from pyrobocop_pyomo.numerics import BoolArray
 from pyrobocop_pyomo.numerics.linear_programs import LinearProgram, LinearStatus, Rows
+from pyrobocop_pyomo.numerics.rounding import MET
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 
@@ -19,9 +20,6 @@ from .problem import Branch, ComplementarityProgram, Linearisation, Sides, branc
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
-
-# A side this small counts as zero: HiGHS meets bounds no better.
-ZERO_SIDE = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,9 +227,9 @@ class _SideChoices(NamedTuple):
         while True:
             a, b = self.a.values(x), self.b.values(x)
             smaller, larger = np.minimum(a, b), np.maximum(a, b)
-            unmet = np.flatnonzero(smaller > ZERO_SIDE)
+            unmet = np.flatnonzero(smaller > MET)
             if not unmet.size:
-                chosen = np.where(larger <= ZERO_SIDE, nearest, a <= b)
+                chosen = np.where(larger <= MET, nearest, a <= b)
                 return x, (chosen | a_zero) & ~b_zero, programs
             decided = unmet[np.argsort(smaller[unmet] / larger[unmet], kind="stable")][: (unmet.size + 1) // 2]
             is_a, first = a[decided] <= b[decided], np.arange(nearest.size) == decided[0]
