@@ -173,17 +173,6 @@ def test_bounds_of_a_range_stay_those_of_their_parameters(choose):
     assert [pyo.value(block.disjuncts[0, branch].rows[1].lower) for branch in ("lower", "upper")] == [1, 3]
 
 
-def test_fixing_a_side_changes_nothing_about_what_is_generated(choose):
-    m, reference = model(), model()
-    m.x.fix(1)
-    m.y.fix(1)
-    choose.apply_to(m)
-    m.x.unfix()
-    m.y.unfix()
-    choose.apply_to(reference)
-    assert lp_text(m) == lp_text(reference)
-
-
 @pytest.mark.parametrize("reformulation", REFORMULATIONS)
 def test_a_pair_in_a_disjunct_holds_only_where_that_is_chosen(choose, highs, reformulation):
     m = pyo.ConcreteModel()

@@ -8,7 +8,6 @@ import pytest
 from harness.phases import integrator, one_phase
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mpcc_catalogue.point_check import check_point
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.complementarity import canonical_form, pair_residuals, pairs_of, relax, revert
@@ -275,19 +274,3 @@ def test_soft_thresholds(weight: float) -> None:
     assert weight == 0.0 or parts == pytest.approx(abs(m.x.value), abs=1e-6)
     SPLIT.revert(m)
     assert pyo.value(m.cost) == pytest.approx((m.x.value - 2) ** 2 + weight * abs(m.x.value))
-
-
-@pytest.mark.ipopt
-@pytest.mark.parametrize("bound", [0.5, 1.0, 2.0])
-def test_outside_and_inside_of_a_diamond(bound: float) -> None:
-    """The nearest points to (0.8 r, 0) outside of ``|x| + |y| < r`` and to (2 r, 0) inside."""
-    for sign, start, distance in ((1, 0.8, 0.2 / 2**0.5), (-1, 2.0, 1.0)):
-        m = pyo.ConcreteModel()
-        m.x, m.y = pyo.Var(initialize=start * bound), pyo.Var(initialize=0.1 * bound)
-        m.outside = pyo.Constraint(expr=sign * (abs(m.x) + abs(m.y) - bound) >= 0)
-        m.cost = pyo.Objective(expr=(m.x - start * bound) ** 2 + m.y**2)
-        SPLIT.apply_to(m)
-        rcp.solve(m, progress=False).raise_for_status()
-        SPLIT.revert(m)
-        assert pyo.value(m.cost) == pytest.approx((distance * bound) ** 2, rel=1e-5)
-        assert check_point(m).violation <= 1e-6

@@ -14,8 +14,6 @@ from pyrobocop_pyomo.complementarity import Elastic, PerElement
 
 from .code_blocks import ROOT
 
-PAGE = (ROOT / "docs" / "explanation" / "complementarity.md").read_text(encoding="utf-8")
-
 sides = st.floats(-2, 5)
 deltas = st.floats(1e-3, 1.0)
 

@@ -8,7 +8,6 @@ import pytest
 import pyrobocop_pyomo as rcp
 import pyrobocop_pyomo.ipopt.in_process
 
-Solve = Callable[..., object]
 
 
 def hock_schittkowski_71() -> tuple[pyo.ConcreteModel, float]:

@@ -1,7 +1,6 @@
 """What a law states on a phase, without a solver: values that satisfy it, names, copies, refusals."""
 
 import math
-import pickle
 from collections.abc import Callable
 from typing import Any
 
@@ -154,15 +153,6 @@ def test_a_clone_reads_its_own_parameters() -> None:
     twin.top.set_value(-5.0)
     twin.phase.k.set_value(2.0)
     assert str(twin.phase.trajectory().verify()) == str(m.phase.trajectory().verify()) != before
-
-
-def test_a_pickle_keeps_laws_of_top_level_rules() -> None:
-    m, b = with_phase("phase", duration=1.0, elements=2)
-    b.x = rcp.State(initial=0.0)
-    b.wall = LAWS.SoftWall(soft_floor, stiffness=10)
-    b.ceiling = LAWS.HardWall(soft_floor)
-    b.ode(rates)
-    assert str(pickle.loads(pickle.dumps(m)).phase.trajectory().verify()) == str(b.trajectory().verify())
 
 
 def test_nothing_stays_after_a_refusal() -> None:

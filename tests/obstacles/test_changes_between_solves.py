@@ -6,7 +6,7 @@ import logging
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.scenes import ARROW, WALL, avoiding, exact, placed, solve_once, turning_move
+from harness.scenes import ARROW, WALL, avoiding, exact, solve_once, turning_move
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -169,18 +169,3 @@ def test_sides_never_flip_along_time(height, elements):
     assert np.linalg.norm(normals, axis=1) == pytest.approx(1.0)
     # A quarter turn at a time at most, up to the tilt that breaks ties.
     assert (normals[1:] * normals[:-1]).sum(axis=1).min() > -0.3
-
-
-@pytest.mark.executable
-@pytest.mark.parametrize("side", [(0, 1), (0, -1)])
-@pytest.mark.parametrize("named", [("arrow", "wall"), ("wall", "arrow")])
-def test_the_user_says_where_to_pass(side, named):
-    m = turning_move(height=0, elements=12)
-    box = rcp.Polytope.box(0.8, 2, center=(2, 0.1 * side[1]))
-    avoid = avoiding(m, obstacles={"wall": box}, between=None)
-    toward = side if named == ("arrow", "wall") else (-side[0], -side[1])
-    avoid.initialize(directions={named: toward})
-    solve_once(m)
-    middle = min(m.move.time, key=lambda t: abs(m.move.x[t].value - 2))
-    assert m.move.y[middle].value * side[1] > 0.5
-    assert placed(m.move, middle).numbers()[1][1] * side[1] > 0.5

@@ -29,12 +29,3 @@ def test_both_norms_agree(reference):
     assert closest == pytest.approx(0.05, abs=1e-6)
     for (_, _, time), proven in avoid.separation_gaps().items():
         assert 0.05 - 1e-6 <= proven <= exact(m.move, ARROW, WALL, [time])[0] + 1e-9
-
-
-def test_one_plane_per_interval_needs_as_many_rows_of_the_body_as_poses():
-    m = turning_move(elements=5, stages=1)
-    avoid = avoiding(m)
-    assert len(avoid.separations) == 5
-    assert len(avoid.first_shape) == 5 * 2 * 4
-    assert len(avoid.second_shape) == 5 * 4
-    assert len(avoid.unit) == 5

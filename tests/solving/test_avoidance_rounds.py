@@ -227,11 +227,11 @@ def test_a_plain_solver_on_a_block_that_was_started() -> None:
     assert not report.safe
 
 
-def test_the_side_that_the_user_chose_is_kept() -> None:
-    for side in (-1, 1):
+def test_the_side_that_the_user_chose_is_kept_in_either_order() -> None:
+    for side, named in ((-1, ("arrow", "post")), (1, ("post", "arrow"))):
         m = turning_move(height=0)
         avoid = avoiding(m, obstacles={"post": box(0.8, 0.8, center=(2, -0.05 * side))})
-        avoid.initialize(directions={("arrow", "post"): (0, -side)})
+        avoid.initialize(directions={named: (0, 1)})
         assert rcp.solve(m).safe
         middle = min(m.move.time, key=lambda t: abs(m.move.x[t].value - 2))
         assert m.move.y[middle].value * side < 0
