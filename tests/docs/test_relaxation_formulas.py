@@ -12,8 +12,6 @@ from hypothesis import strategies as st
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.complementarity import Elastic, PerElement
 
-from .code_blocks import ROOT
-
 sides = st.floats(-2, 5)
 deltas = st.floats(1e-3, 1.0)
 

@@ -9,7 +9,6 @@ from complementarity.harness import nl_text, state
 from harness.checked import solution
 from harness.phases import mass, one_phase
 from harness.routes import every_backend
-from harness.scenes import keep_clear
 from mpcc_catalogue.point_check import check_point
 
 import pyrobocop_pyomo as rcp
@@ -46,9 +45,8 @@ def test_least_fuel_is_thrust_rest_thrust() -> None:
     assert list(dict.fromkeys(np.round(forces[np.abs(forces - np.round(forces)) <= 1e-4]))) == [1.0, 0.0, -1.0]
 
 
-@pytest.mark.parametrize("scheme", ["radau", "gauss", "implicit_euler"])
-def test_the_optimum_does_not_depend_on_who_splits(scheme: str) -> None:
-    m, stated = least_fuel(scheme=scheme), least_fuel(scheme=scheme)
+def test_the_optimum_does_not_depend_on_who_splits() -> None:
+    m, stated = least_fuel(scheme="radau"), least_fuel(scheme="radau")
     pyo.TransformationFactory("pyrobocop.absolute_values_to_complementarity").apply_to(stated)
     results = [rcp.solve(each, progress=False, mesh_tolerance=None) for each in (m, stated)]
     assert all(result.solved for result in results)
@@ -125,17 +123,3 @@ def test_a_model_without_absolute_values_has_no_such_try() -> None:
     result = rcp.solve(m, progress=False, strategies=(TWO_PARTS, "elastic rows"))
     assert not result.solved
     assert TWO_PARTS not in [step.label for step in result.steps]
-
-
-@pytest.mark.slow
-def test_the_shortest_way_over_a_wall_by_its_parts() -> None:
-    """The total change of height is twice what the cart has to rise, whenever it does so."""
-    m, b = one_phase("move", model="over a wall", duration=2.0, elements=10)
-    b.x, b.y = rcp.State(initial=0, final=4), rcp.State(initial=0, final=0)
-    b.vx, b.vy = rcp.Control(bounds=(-4, 4)), rcp.Control(bounds=(-4, 4))
-    b.ode(lambda b, t: {b.x: b.vx[t], b.y: b.vy[t]})
-    m.way = pyo.Objective(expr=b.integral(lambda b, t: abs(b.vx[t]) + abs(b.vy[t])))
-    keep_clear(b, rcp.Polytope.box(0.4, 0.4), {"wall": rcp.Polytope.box(0.8, 2, center=(2, -0.5))})
-    result = solution(m)
-    assert result.safe
-    assert result.objective == pytest.approx(4 + 2 * (0.5 + 0.2 + 0.05), abs=1e-2)

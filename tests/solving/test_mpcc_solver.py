@@ -11,7 +11,6 @@ import pytest
 from harness.checked import unchanged
 from harness.dae import driven_tank
 from harness.routes import every_backend
-from harness.small_problems import maximisation
 from pyomo.contrib.solver.common.factory import SolverFactory
 from pyomo.contrib.solver.common.results import SolutionStatus, TerminationCondition
 from pyomo.contrib.solver.common.util import NoOptimalSolutionError, NoSolutionError
@@ -270,13 +269,6 @@ def test_models_of_pyomo_mpec_are_solved_as_they_are():
     assert (m.x.value, m.y.value) == (pytest.approx(2.0, abs=1e-6), 0.0)
     assert (m.z.value, m.price.value) == (pytest.approx(1.0, abs=1e-6), pytest.approx(-2.0, abs=1e-6))
     assert isinstance(m.pair, Complementarity)
-
-
-def test_a_model_without_pairs_and_one_that_is_maximised():
-    m, largest = maximisation()
-    results = legacy().solve(m)
-    pyo.assert_optimal_termination(results)
-    assert results.problem.lower_bound == pytest.approx(largest, abs=1e-6)
 
 
 def test_a_block_of_a_model_is_solved_alone():
