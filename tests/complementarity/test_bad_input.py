@@ -232,13 +232,6 @@ def test_the_same_pair_twice_is_no_error_and_a_fixed_integer_is_a_number() -> No
     nl_text(m)
 
 
-def test_a_variable_may_be_at_either_of_its_bounds() -> None:
-    m = right_model()
-    m.either = Complementarity(expr=complements(m.box, m.box, first_bound="lower", second_bound="upper"))
-    RELAX.apply_to(m)
-    assert pyo.value(RELAX.rows_of(m.either)[0].body) == 0.25
-
-
 def test_what_pairs_share_is_checked_with_the_first_and_what_is_their_own_with_each():
     m = pyo.ConcreteModel()
     m.x, m.y = pyo.Var(initialize=1), pyo.Var(initialize=1)

@@ -104,26 +104,6 @@ def test_an_equality_holds_and_leaves_the_other_side_free(f, h):
         assert met(form) == (f == 2)
 
 
-@given(f=whole, h=whole)
-def test_a_plain_variable_between_two_bounds_is_a_range(f, h):
-    m = two_variables(f, h)
-    m.x = pyo.Var(bounds=(m.lo, m.up), initialize=f)
-    m.cc = Complementarity(expr=complements(m.x, m.h))
-    form = canonical_form(m.cc)
-    assert [pair.a_row for pair in form.pairs] == [None, None]
-    assert (met(form) and -1 <= f <= 2) == projection_holds(f, h, -1, 2)
-
-
-@given(f=whole, h=whole)
-def test_swapping_the_sides_changes_nothing(f, h):
-    m = two_variables(f, h)
-    sides = (pyo.inequality(m.lo, m.f, m.up), m.h)
-    m.one, m.two = Complementarity(expr=complements(*sides)), Complementarity(expr=complements(*sides[::-1]))
-    one, two = (pair_residuals(canonical_form(source).pairs) for source in (m.one, m.two))
-    assert [(pair.a, pair.b) for pair in one] == [(pair.a, pair.b) for pair in two]
-    assert [pair.name for pair in one] == ["one (lower)", "one (upper)"]
-
-
 @BOTH
 @given(f=whole, h=whole, lower=whole, upper=whole)
 def test_mutable_bounds_are_followed(component, f, h, lower, upper):

@@ -135,12 +135,6 @@ def pairs():
     yield active_pairs(m)  # noqa: PT022  (a pair does not keep its model alive)
 
 
-def test_per_pair_gives_each_pair_a_group_that_none_joins(pairs):
-    groups = PerPair().groups(pairs)
-    assert [name for name, _ in groups] == [None] * len(pairs)
-    assert all(len(members) == 1 for _, members in groups)
-
-
 def test_per_element_gathers_label_or_index_within_a_block(pairs):
     groups = [[pair.name for pair in members] for _, members in PerElement().groups(pairs)]
     assert groups == [

@@ -194,21 +194,6 @@ def least_planar_distance(corners: Any, x: Any, y: Any, theta: Any, obstacles: A
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", ["reverse", "parallel"])
-def test_a_parking_car_keeps_its_distance_and_parks(case: str) -> None:
-    example = import_module("parking")
-    m = example.build(case)
-    solved(m)
-    x, y, theta, v, steering = sampled(m.drive, "x", "y", "theta", "v", "steering")
-    corners = [(-1, -1), (3.7, -1), (3.7, 1), (-1, 1)]
-    obstacles = example.CASES[case]["obstacles"].values()
-    assert least_planar_distance(corners, x, y, theta, obstacles) >= 0.05 - SLACK
-    assert (x[-1], y[-1], theta[-1], v[-1]) == pytest.approx((*example.CASES[case]["goal"], 0), abs=1e-6)
-    assert np.abs(steering).max() <= 0.6 + 1e-2  # bounds hold at the nodes; between them the polynomial may exceed them
-    assert m.drive.trajectory().verify().horizon_error < 5e-3
-
-
-@pytest.mark.slow
 def test_a_pushed_slider_keeps_its_distance_from_the_squares() -> None:
     example, case = import_module("pushing_among_obstacles"), "turned-slot"
     m = example.build(case, elements=52)
@@ -278,37 +263,3 @@ def test_the_footprint_of_the_small_car_points_where_it_drives() -> None:
     b.v[b.final_time] = 1.0
     rates = [pyo.value(b.derivative(state)[b.final_time]) for state in (b.x, b.y)]
     assert rotation @ [0, 1] == pytest.approx(rates)
-
-
-def test_the_links_of_the_arm_stay_clear_and_the_arm_folds() -> None:
-    shapely = pytest.importorskip("shapely")
-    example = import_module("two_link_arm")
-    m = example.build(elements=20)
-    solved(m)
-    q1, q2 = sampled(m.reach, "q1", "q2")
-    elbow = 0.5 * np.stack([np.cos(q1), np.sin(q1)], axis=-1)
-    hand = elbow + 0.4 * np.stack([np.cos(q1 + q2), np.sin(q1 + q2)], axis=-1)
-    links = {0.04: (0 * elbow, elbow), 0.03: (elbow, hand)}
-    for radius, ends in links.items():
-        segments = shapely.linestrings(np.stack(ends, axis=1))
-        for obstacle in example.OBSTACLES.values():
-            core = shapely.MultiPoint(obstacle.vertices).convex_hull
-            distance = shapely.distance(segments, core).min() - radius - obstacle.radius
-            assert distance >= example.CLEARANCE - SLACK
-    assert np.abs(q2).max() > 1.5
-
-
-def test_one_of_two_equal_cars_gives_way() -> None:
-    shapely = pytest.importorskip("shapely")
-    example = import_module("crossing")
-    m = example.build(elements=20)
-    solved(m)
-    cars = {}
-    for car in example.ROUTES:
-        x, y, theta = sampled(m.traffic, *(f"{name}_{car}" for name in ("x", "y", "theta")))
-        u, v = np.array([(-2.2, -0.9), (2.2, -0.9), (2.2, 0.9), (-2.2, 0.9)]).T
-        c, s = np.cos(theta)[:, None], np.sin(theta)[:, None]
-        cars[car] = shapely.polygons(np.stack([x[:, None] + c * u - s * v, y[:, None] + s * u + c * v], axis=-1))
-    assert shapely.distance(cars["east"], cars["north"]).min() >= example.CLEARANCE - SLACK
-    x, y = sampled(m.traffic, "x_east", "y_north")
-    assert abs(int((x < 0).sum()) - int((y < 0).sum())) > 0.02 * len(x)

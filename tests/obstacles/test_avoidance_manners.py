@@ -44,19 +44,6 @@ def test_a_pickle_has_what_a_pose_rule_has_said():
     assert str(again.move.avoid.verify()) == str(m.move.avoid.verify())
 
 
-def test_in_a_rule_of_an_abstract_model():
-    m = pyo.AbstractModel()
-    m.t = pyo.Set(initialize=[0, 1, 2], ordered=True)
-    m.x = pyo.Var(m.t, initialize=0)
-    m.avoid = rcp.ObstacleAvoidanceBlock(
-        m.t, body=ARROW, pose=lambda b, t: rcp.planar_pose(b.x[t], 0), obstacles=[WALL], clearance=0.1
-    )
-    instance = m.create_instance()
-    instance.avoid.initialize()
-    assert len(instance.avoid.separations) == 2
-    assert instance.avoid.record.points is instance.t
-
-
 @pytest.mark.parametrize("transformation", ["dae.collocation", "dae.finite_difference", "pyrobocop.collocation"])
 def test_on_a_discretised_continuous_set(transformation):
     m = pyo.ConcreteModel()
@@ -72,17 +59,6 @@ def test_on_a_discretised_continuous_set(transformation):
     m.avoid.initialize()
     assert len(m.avoid.separations) == 4
     assert m.avoid.verify().safe is None  # its rows say nothing between the points
-
-
-def test_any_set_point_by_point():
-    m = pyo.ConcreteModel()
-    m.where = pyo.Set(initialize=["here", "there"])
-    m.x = pyo.Var(m.where, initialize=0)
-    options = {"body": ARROW, "obstacles": [WALL], "clearance": 0.1}
-    pose = lambda b, p: rcp.planar_pose(b.x[p], 0)  # noqa: E731
-    m.avoid = rcp.ObstacleAvoidanceBlock(m.where, pose=pose, between=None, **options)
-    m.avoid.initialize()
-    assert {index[2] for index in m.avoid.separations} == {"here", "there"}
 
 
 def test_unions_are_watched_part_by_part():

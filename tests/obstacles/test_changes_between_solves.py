@@ -81,18 +81,6 @@ def test_broad_phase_leaves_out_what_is_far_and_brings_it_back():
     assert {(pair.first, pair.second) for pair in avoid.verify().body_pairs} == {("arrow", "near"), ("arrow", "far")}
 
 
-def test_broad_phase_follows_the_guess():
-    m = turning_move(elements=4, height=3)
-    avoid = avoiding(m, obstacles=FAR, broad_phase=2.0)
-    m.move.y.set_values(dict.fromkeys(m.move.time, 19.0), skip_validation=True)
-    m.move.y.unfix()
-    avoid.initialize()
-    assert {second for _, second, _ in avoid.separations} == {"far"}
-    m.move.y.set_values(dict.fromkeys(m.move.time, 100.0), skip_validation=True)
-    avoid.initialize()
-    assert len(avoid.separations) == len(avoid.first_shape) == len(avoid.normal) == 0
-
-
 @pytest.mark.executable
 def test_margins_and_changed_clearances_are_kept_as_asked():
     m = turning_move()

@@ -1,7 +1,6 @@
-"""What users of Pyomo do with any model works with phases: slices, labels, reports, suffixes, scaling, explanations."""
+"""What users of Pyomo do with any model works with phases: slices, labels, sizes, suffixes, scaling."""
 
 import io
-import logging
 import math
 import pickle
 from pathlib import Path
@@ -11,10 +10,8 @@ import pyomo.environ as pyo
 import pytest
 from harness.checked import timing_report
 from harness.phases import contents, exact_x, integrator, one_phase, oscillate, rows, solve
-from pyomo.contrib.iis.mis import compute_infeasibility_explanation
 from pyomo.contrib.solver.common.factory import SolverFactory as NewSolverFactory
 from pyomo.core.expr.visitor import identify_variables
-from pyomo.util.infeasible import log_infeasible_bounds, log_infeasible_constraints
 from pyomo.util.model_size import build_model_size_report
 
 import pyrobocop_pyomo as rcp
@@ -125,19 +122,6 @@ def test_model_size_counts_every_variable_once() -> None:
     assert report.activated.continuous_variables == 3 * (per_phase - 3)
 
 
-def test_infeasible_rows_and_bounds_are_logged_by_name() -> None:
-    text = io.StringIO()
-    logger = logging.Logger("infeasible", level=logging.DEBUG)
-    logger.addHandler(logging.StreamHandler(text))
-    m = robot()
-    m.phase.z[1.0].set_value(-1)
-    log_infeasible_constraints(m, logger=logger, log_expression=True, log_variables=True)
-    log_infeasible_bounds(m, logger=logger)
-    assert "CONSTR phase.x_collocation[1.0]" in text.getvalue()
-    assert "VAR phase.x[1.0]: 1.0" in text.getvalue()
-    assert "VAR phase.z[1.0]: -1" in text.getvalue()
-
-
 def test_pprint_and_display_show_everything() -> None:
     m = robot()
     for part in (m, m.phase, m.legs, m.legs["a"]):
@@ -222,19 +206,6 @@ def test_a_deactivated_phase_is_neither_solved_nor_counted() -> None:
     assert f"{POINTS} pairs:" in " ".join(whole)
     rcp.solve(m).raise_for_status()
     assert [v.value for phase in m.legs.values() for v in phase.x.values()] == before
-
-
-@pytest.mark.casadi
-def test_pyomo_explains_an_infeasible_phase_by_name() -> None:
-    m, _ = integrator(x={"initial": 0, "final": 5}, u={"bounds": (0, 1)}, stages=1)
-    m.nothing = pyo.Objective(expr=0)
-    text = io.StringIO()
-    logger = logging.Logger("explanation", level=logging.INFO)
-    logger.addHandler(logging.StreamHandler(text))
-    compute_infeasibility_explanation(m, solver=pyo.SolverFactory("pyrobocop.ipopt"), logger=logger)
-    minimal = text.getvalue().partition("Constraints / bounds in MIS:")[2]
-    assert "ub of var p.u[1.0]" in minimal
-    assert "constraint: p.x_collocation[1.0]" in minimal
 
 
 # --------------------------------------------------------------------

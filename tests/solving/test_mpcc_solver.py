@@ -21,7 +21,6 @@ from pyrobocop_pyomo.errors import KeywordError
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
 from pyrobocop_pyomo.planning.solve import RETIRED_WORDS
-from pyrobocop_pyomo.solving import SolveResult
 
 pytestmark = pytest.mark.casadi
 ITERATION_LIMIT = {"max_iter": 1}
@@ -199,18 +198,6 @@ def test_options_reach_ipopt():
     limited = legacy()
     limited.options["max_iter"] = 1
     assert limited.solve(m).solver.termination_condition == pyo.TerminationCondition.maxIterations
-
-
-def test_the_error_of_the_mesh_is_estimated_when_the_message_is_read(monkeypatch):
-    """It takes as long as a short solve."""
-    estimates, errors = [], SolveResult.errors_of_answer
-    monkeypatch.setattr(SolveResult, "errors_of_answer", property(lambda of: estimates.append(of) or errors.fget(of)))
-    for results in (solver().solve(two_corners()), legacy().solve(two_corners())):
-        assert not estimates
-        message = results.solver.message if hasattr(results, "solver") else results.extra_info.solver_message
-        assert "ran to its end" in str(message)
-        assert estimates
-        estimates.clear()
 
 
 def test_the_log_goes_to_the_streams_that_are_given_and_nowhere_else(capfd):
