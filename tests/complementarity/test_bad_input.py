@@ -48,6 +48,7 @@ PAIRS: dict[str, tuple[Callable[[Any], Any], str]] = {
         lambda m: (between(0, m.free, 1), between(0, m.x[1], m.p)),
         "four finite bounds, where two are needed.*make the bounds of that side a Constraint",
     ),
+    "four by own bounds": (lambda m: (between(0, m.free, 1), m.box), "four finite bounds.*second_bound='free'"),
     "boxed variable against one bound": (
         lambda m: (m.box, m.x[1] >= 0),
         "one is meant. Write 'box >= 0' or 'box <= 1'",
@@ -60,6 +61,7 @@ PAIRS: dict[str, tuple[Callable[[Any], Any], str]] = {
     "side None": (lambda m: (None, m.x[1] >= 0), "the constant None.*Complementarity.Skip"),
     "constant against constant": (lambda m: (0.0, 1.0), "the constant 0.0.*Complementarity.Skip"),
     "parameter": (lambda m: (m.p >= 0, m.x[1] >= 0), "holds no variable.*Leave the pair out"),
+    "parameter in a range": (lambda m: (between(0, m.p, 1), m.x[1]), "holds no variable.*Leave the pair out"),
     "equality against one bound": (lambda m: (m.free == 0, m.x[1] >= 0), "equality.*Make it a Constraint"),
     "bound that is a variable": (lambda m: (between(0, m.free, m.x[1]), m.box), "holds a variable.*Write two pairs"),
     "crossed range": (lambda m: (between(2, m.free, m.p), m.x[1] - 1), "bounds 2 and 1, which contradict"),
@@ -100,13 +102,13 @@ THEIRS = {"tuple of three", "no pair", "wrong type"} | {
     name for name in PAIRS if "chosen bound" in name or "word" in name or "either_zero" in name
 }
 # Bounds of a plain variable are just bounds there, where what is written out suffices.
-LEGAL_THERE = {"three by an own bound"}
+LEGAL_THERE = {"three by an own bound", "four by own bounds", "parameter in a range"}
 
 
 # What no bound and no value can make right; the rest is refused when the model is relaxed.
 AT_ONCE = {
     "four finite bounds", "strict inequality", "bare expression against one bound", "side None",
-    "constant against constant", "parameter",
+    "constant against constant", "parameter", "parameter in a range",
     "equality against one bound", "bound that is a variable", "slice",
     "object", "chosen bound of a relation",
     "either_zero of a bare expression", "either_zero against a relation",
