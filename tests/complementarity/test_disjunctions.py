@@ -185,9 +185,6 @@ def test_a_pair_in_a_disjunct_holds_only_where_that_is_chosen(choose, highs, ref
     assert state(m) == before
 
 
-# ---- refusals
-
-
 # --------------------------------------------------------------------
 # Together with generalized disjunctive programming, `pyomo.dae`, `pyomo.mpec` lists and Pyomo's KKT conditions.
 

@@ -202,13 +202,10 @@ def test_the_products_of_a_range_are_summed_and_penalised_like_others(options):
 
 
 # --------------------------------------------------------------------
-# What a user of Pyomo may expect of pairs, one sentence after another.
+# Every form against its branches.
 
 
 with_ipopt = pytest.mark.asl
-
-
-# ---- 11: every form against its branches
 
 
 def plane() -> Any:
@@ -279,6 +276,3 @@ def test_every_form_reaches_the_best_of_its_branches(form, aim):
 
 def equalities(source: Any) -> list[Any]:
     return [row for row in canonical_form(source).rows if len(row.args) == 2 and not canonical_form(source).pairs]
-
-
-# ---- 14: the report

@@ -127,17 +127,6 @@ def test_mathjax_is_copied_from_a_package():
 
 
 # --------------------------------------------------------------------
-# The page's formulas for shapes that stand for others are those of the code.
-
-
-def test_excess_of_grids() -> None:
-    stairs = np.eye(4, dtype=bool)
-    (part,) = rcp.scenes.cover_occupancy_grid(stairs, 0.5, tolerance=0.5)
-    assert part.excess == pytest.approx(0.5)
-    assert len(rcp.scenes.cover_occupancy_grid(stairs, 0.5, tolerance=0.49)) == 4
-
-
-# --------------------------------------------------------------------
 # The numbered formulas of the page on the structural index, evaluated against the code.
 
 

@@ -1,7 +1,7 @@
 """Examples with linked phases, held to what is known about them in closed form."""
 
 from importlib import import_module
-from itertools import pairwise, permutations
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -81,28 +81,6 @@ def test_without_damping_the_run_costs_nothing(monkeypatch: pytest.MonkeyPatch) 
     assert np.abs(m.stance.trajectory().motor).max() < 1e-2
 
 
-def test_the_best_faces_are_those_that_solving_one_by_one_finds() -> None:
-    pushing = import_module("mode_enumeration")
-    sequences = [faces for length in (1, 2) for faces in permutations(["left", "bottom"], length)]
-    times = {sequence: rcp.solve(pushing.build(sequence, elements=6), mesh_tolerance=None) for sequence in sequences}
-    found = rcp.sweep(lambda sequence: pushing.build(sequence, elements=6), sequences, start_from=None)
-    best = min((s for s in sequences if times[s].solved), key=lambda s: times[s].objective)
-    assert found.best.case.data == best
-    assert found.result.objective == pytest.approx(times[best].objective, rel=1e-9)
-    solved = pushing.build(best, elements=6)
-    rcp.solve(solved, mesh_tolerance=None)
-    for phase in solved.pushes.values():
-        assert phase.trajectory().verify().largest_violation < 1e-6
-
-
-def test_steps_that_know_no_flights_bounce_at_the_same_times() -> None:
-    ball = import_module("bouncing_ball")
-    stepped = ball.step_through(1.2, elements=150)
-    rebounds = stepped.time[1:][(np.diff(stepped.v_y) > 0)]
-    np.testing.assert_allclose(rebounds, ball.impact_times(4)[: len(rebounds)], atol=0.03)
-    assert len(rebounds) == 2
-
-
 # --------------------------------------------------------------------
 # The examples with friction and switches, held to their closed forms.
 
@@ -119,42 +97,6 @@ def test_riding_the_belt_costs_no_more_than_the_best_brake() -> None:
     assert np.abs(found.force[sticks]).max() < 1e-2  # riding is free
     assert found.verify().largest_violation < 1e-6
     assert found.verify().horizon_error < 1e-6
-
-
-@pytest.mark.parametrize(("elements", "tolerance"), [(30, 4e-4), (60, 1e-4)])
-def test_the_spring_lets_go_when_it_is_as_strong_as_friction(elements: int, tolerance: float) -> None:
-    example = import_module("stick_slip")
-    m = example.build("spring", elements=elements)
-    rcp.solve(m).raise_for_status()
-    found = m.motion.trajectory()
-    x, v = example.swing(found.time)
-    assert found.x == pytest.approx(x, abs=tolerance)
-    assert found.v == pytest.approx(v, abs=2 * tolerance)
-    stuck = found.points < 1
-    assert found.friction[stuck] == pytest.approx(example.STIFFNESS * found(found.points)["x"][stuck], abs=1e-3)
-
-
-@pytest.mark.parametrize("case", ["turbo", "hysteresis"])
-def test_the_car_takes_the_minimal_time_and_switches_at_its_thresholds(case: str) -> None:
-    example = import_module("turbo_car")
-    # There are local optima within 1e-4 of the best: rounding decides to which of them a way down leads.
-    ways_down = []
-    for guess in (11.0, 11.5, 12.0, 12.5, 13.0):
-        m = example.build(case)
-        m.drive.duration.set_value(guess)
-        ways_down.append((rcp.solve(m, strategies=rcp.Strategy("continuation", exploration=0)), m))
-    result, m = min(ways_down, key=lambda way: (not way[0].solved, way[0].objective))
-    result.raise_for_status()
-    assert result.objective == pytest.approx(example.minimal_time(case), rel=1e-7)
-    found = m.drive.trajectory()
-    boundaries = np.array(found.grid.mesh.boundaries)
-    v = np.append(found.element_states("v")[:, 0], found.v[-1])
-    turbo = found.element_signals("turbo")[:, 0]
-    on, off = np.flatnonzero(np.abs(np.diff(turbo)) > 0.5) + 1
-    assert v[on] == pytest.approx(example.ON, abs=1e-7)
-    assert v[off] == pytest.approx(example.ON if case == "turbo" else example.OFF, abs=1e-7)
-    assert boundaries[on] == pytest.approx(example.ON / example.PLAIN, abs=1e-6)
-    assert found.verify().horizon_error is None  # its pairs stand beside the phase, at points alone
 
 
 # --------------------------------------------------------------------

@@ -160,17 +160,6 @@ def test_the_guess_touches_the_ball_from_below_and_keeps_apart() -> None:
         assert not score.practical
 
 
-def test_the_team_shares_what_its_models_have() -> None:
-    """One model for all, made from the builders of the agents, has the guess of the example's own, and scores it."""
-    task = sphere.task(2)
-    team = sphere.team(task)
-    merged = team.central()
-    plans = team.plans_of(merged)
-    assert set(plans) == {"sphere", "a", "b", "c"}
-    np.testing.assert_allclose(plans["a"]["me.z"], list(sphere.quadrotor(task, "a").me.z.extract_values().values()))
-    assert not team.physics(plans).practical
-
-
 @pytest.mark.ipopt
 @pytest.mark.slow
 def test_three_quadrotors_catch_the_ball() -> None:

@@ -126,16 +126,6 @@ def walled(b: Any, index: int = 0) -> None:
     b.ode(rates)
 
 
-def test_one_law_twice_on_each_of_several_phases() -> None:
-    m = pyo.ConcreteModel()
-    m.phases = rcp.PhaseBlock([0, 1], duration=1.0, elements=2, rule=walled)
-    assert m.phases[0].wall is not m.phases[1].wall
-    for phase in m.phases.values():
-        phase.check()
-        assert set(phase.record.names_of_signals) == {"wall", "ceiling"}
-        assert {"wall_pairs", "ceiling_pairs"} <= {c.local_name for c in phase.component_objects(rcp.Complementarity)}
-
-
 def test_a_clone_reads_its_own_parameters() -> None:
     m = pyo.ConcreteModel()
     m.top = pyo.Param(initialize=2.0, mutable=True)
