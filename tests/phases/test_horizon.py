@@ -321,17 +321,6 @@ def test_it_is_an_index_wherever_the_point_is_one() -> None:
     assert b.derivative(b.x)[first].to_string()
 
 
-@pytest.mark.ipopt
-def test_the_time_that_the_message_names_gives_the_integral_over_time() -> None:
-    m, b = ramp(duration=LONG)
-    b.ode(lambda b, t: {b.x: b.time_at(t)})
-    m.cost = pyo.Objective(expr=b.integral(lambda b, t: (b.u[t] - 0.5) ** 2 + (b.z[t] - 1) ** 2))
-    b.residual(lambda b, t: b.z[t] == b.u[t] + (b.time_at(t) - b.start) / b.duration)
-    assert rcp.solve(m).solved
-    assert b.x.at_end.value == pytest.approx(4.5)
-    assert b.trajectory().verify().largest_violation < 1e-6
-
-
 def test_it_survives_a_pickle_and_equals_keys_of_any_kind() -> None:
     t = TimeIndex(0.5, "a rule", None)
     assert pickle.loads(pickle.dumps(t)) == t

@@ -1,6 +1,5 @@
 """What users of Pyomo do with any model works with phases: slices, labels, sizes, suffixes, scaling."""
 
-import io
 import math
 import pickle
 from pathlib import Path
@@ -120,45 +119,6 @@ def test_model_size_counts_every_variable_once() -> None:
     assert report.overall.variables == 3 * per_phase
     # Fixed ends are no variables there; one seen at many points is one.
     assert report.activated.continuous_variables == 3 * (per_phase - 3)
-
-
-def test_pprint_and_display_show_everything() -> None:
-    m = robot()
-    for part in (m, m.phase, m.legs, m.legs["a"]):
-        printed, displayed = io.StringIO(), io.StringIO()
-        part.pprint(ostream=printed)
-        part.display(ostream=displayed)
-        for text in (printed.getvalue(), displayed.getvalue()):
-            assert "x_collocation" in text
-            assert "u_per_element" in text
-        assert "stop" in printed.getvalue()
-
-
-@pytest.mark.executable
-def test_suffixes_on_a_phase_and_on_the_model_reach_its_rows() -> None:
-    m = relaxed()
-    m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
-    m.phase.ipopt_zL_out = pyo.Suffix(direction=pyo.Suffix.IMPORT)
-    pyo.SolverFactory("ipopt").solve(m)
-    rows = list(m.phase.x_collocation.values())
-    assert all(row in m.dual for row in rows)
-    assert max(abs(m.dual[row]) for row in rows) > 0.1
-
-
-@pytest.mark.casadi
-@pytest.mark.parametrize("rename", [True, False])
-def test_a_scaled_model_has_the_same_solution(rename: bool) -> None:
-    expected, m = relaxed(), relaxed()
-    solver = pyo.SolverFactory("pyrobocop.ipopt")
-    solver.solve(expected, options={"tol": 1e-10})
-    b, z = m.phase, m.legs["a"].z
-    factors = [(b.x, 0.1), (b.u_per_element, 0.01), (b.x_collocation, 10), (z, 5), (m.cost, 0.01)]
-    scaled = scaled_by(m, factors, rename=rename)
-    solver.solve(scaled, options={"tol": 1e-10})
-    SCALE.propagate_solution(scaled, m)
-    assert pyo.value(m.cost) == pytest.approx(pyo.value(expected.cost), rel=1e-5)
-    assert m.phase.trajectory().x == pytest.approx(expected.phase.trajectory().x, abs=1e-4)
-    assert m.phase.trajectory().verify().defect < 1e-6
 
 
 @pytest.mark.casadi
