@@ -7,11 +7,8 @@ from typing import Any
 
 import pyomo.environ as pyo
 import pytest
-from harness.checked import timing_report
-from harness.phases import contents, exact_x, integrator, one_phase, oscillate, rows, solve
-from pyomo.contrib.solver.common.factory import SolverFactory as NewSolverFactory
+from harness.phases import contents, exact_x, one_phase, oscillate, rows, solve
 from pyomo.core.expr.visitor import identify_variables
-from pyomo.util.model_size import build_model_size_report
 
 import pyrobocop_pyomo as rcp
 
@@ -58,19 +55,6 @@ def scaled_by(m: pyo.ConcreteModel, factors: list[tuple[Any, float]], **options:
     return SCALE.create_using(m, **options)
 
 
-def test_timing_names_our_components_and_our_transformation() -> None:
-    text = timing_report(relaxed)
-    for line in (
-        f"construct Var phase.x; {POINTS + 1} indices",
-        f"construct Constraint legs[b].x_collocation; {POINTS} indices",
-        f"construct Complementarity phase.stop; {POINTS} indices",
-        "construct Block phase; 1 index",
-        "construct Block legs; 2 indices",
-        "apply Transformation RelaxComplementarity (in-place)",
-    ):
-        assert line in text
-
-
 def test_slices_reach_through_phases() -> None:
     m = robot()
     assert len(list(m.phase.x[:])) == POINTS + 1
@@ -100,28 +84,6 @@ def test_symbolic_labels_are_readable(suffix: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.casadi
-@pytest.mark.parametrize("factory", [pyo.SolverFactory, NewSolverFactory], ids=["legacy", "new"])
-@pytest.mark.parametrize(
-    "solver", ["pyrobocop.ipopt", pytest.param("ipopt", marks=pytest.mark.executable)]
-)  # fmt: skip
-def test_both_interfaces_solve_with_symbolic_labels(factory: Any, solver: str) -> None:
-    m = relaxed()
-    factory(solver).solve(m, symbolic_solver_labels=True)
-    assert pyo.value(m.phase.x[1.0]) == 1
-    assert m.phase.trajectory().verify().equations < 1e-6
-    assert m.phase.trajectory().verify().defect < 1e-6
-
-
-def test_model_size_counts_every_variable_once() -> None:
-    per_phase = 2 * (POINTS + 1) + POINTS + ELEMENTS + (ELEMENTS + 1) + 1
-    report = build_model_size_report(robot())
-    assert report.activated.constraints == 3 * 2 * POINTS
-    assert report.overall.variables == 3 * per_phase
-    # Fixed ends are no variables there; one seen at many points is one.
-    assert report.activated.continuous_variables == 3 * (per_phase - 3)
-
-
-@pytest.mark.casadi
 @pytest.mark.parametrize("rename", [True, False])
 def test_a_scaled_model_can_be_given_to_solve_and_its_values_back_to_the_model(rename: bool) -> None:
     m = relaxed()
@@ -133,14 +95,6 @@ def test_a_scaled_model_can_be_given_to_solve_and_its_values_back_to_the_model(r
         scaled.phase.trajectory()
     SCALE.propagate_solution(scaled, m)
     assert m.phase.trajectory().x[-1] == pytest.approx(1.0)
-
-
-@pytest.mark.casadi
-def test_a_scaled_and_renamed_phase_may_have_a_free_duration() -> None:
-    duration = rcp.Duration(bounds=(0.1, 10), initial_guess=1)
-    m, b = integrator(x={"initial": 0, "final": 1}, u={"bounds": (-1, 1)}, duration=duration, elements=4)
-    m.time_taken = pyo.Objective(expr=b.duration)
-    assert rcp.solve(scaled_by(m, [(b.x, 100)])).objective == pytest.approx(1.0)
 
 
 @pytest.mark.casadi

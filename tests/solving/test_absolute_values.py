@@ -7,7 +7,7 @@ import pyomo.environ as pyo
 import pytest
 from complementarity.harness import nl_text, state
 from harness.checked import solution
-from harness.phases import mass, one_phase
+from harness.phases import mass
 from harness.routes import every_backend
 from mpcc_catalogue.point_check import check_point
 
@@ -75,25 +75,6 @@ def test_rows_that_say_more_than_a_derivative_can() -> None:
     assert (m.x.value, m.y.value) == pytest.approx((0.0, 1.0), abs=1e-5)
     assert check_point(m).violation <= 1e-6
     assert nl_text(m).count("\n") == text.count("\n")
-
-
-@pytest.mark.heavy
-def test_least_fuel_with_a_floor_that_stops_the_mass() -> None:
-    """Thrust for s seconds, and the floor is hit after 3: ``s (3 - s / 2) = 1``, and the pairs are certified."""
-    m, b = one_phase(model="onto the floor", duration=3.0, elements=20, scheme="implicit_euler")
-    b.x, b.v = rcp.State(initial=1, final=0), rcp.State(initial=0, final=0)
-    b.u, b.force = rcp.Control(bounds=(-1, 1)), rcp.Control(bounds=(0, None))
-    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] + b.force[t]})
-    b.complementarity(lambda b, t: rcp.complements(b.x[t] >= 0, b.force[t] >= 0))
-    m.fuel = pyo.Objective(expr=b.integral(lambda b, t: abs(b.u[t])))
-    before = state(m)
-    result = solution(m)
-    assert result.strategy == TWO_PARTS
-    assert state(m) == before
-    assert result.objective == pytest.approx(3 - 7**0.5, rel=0.05)
-    point = check_point(m)
-    assert point.violation <= 1e-6
-    assert point.natural <= 1e-6
 
 
 def test_suffixes_have_the_multipliers_of_the_rows() -> None:

@@ -20,15 +20,9 @@ from pyomo.contrib.solver.common.factory import SolverFactory
 from pyomo.contrib.solver.common.results import TerminationCondition
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.ipopt.backends import Backend
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
-from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.mpcc.active_set import Certificate
-from pyrobocop_pyomo.solving import runner
-from pyrobocop_pyomo.solving.procedure import solve_model
 from pyrobocop_pyomo.solving.record import EXPLORED_SECONDS
-from pyrobocop_pyomo.solving.runner import Runner
-from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.studies import PersistentNLP
 
 pytestmark = pytest.mark.casadi
@@ -236,18 +230,6 @@ def test_the_time_of_linear_programs_is_in_the_steps(monkeypatch: pytest.MonkeyP
     result = rcp.solve(crossed_pairs(30), strategies=rcp.Strategy(exploration=float("inf")), progress=False)
     assert sum(slept) >= 1.0
     assert sum(step.seconds for step in result.steps) >= sum(slept)
-
-
-def test_no_copy_is_made_where_less_time_is_left_than_the_answer_took(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A copy is made as a whole: what is left may not be enough for it, and there is an answer already."""
-    made = []
-    monkeypatch.setattr(runner, "coarser_copy", lambda *arguments: made.append(arguments))
-    settings = Settings("scholtes", "pair", Backend.IN_PROCESS_VECTORISED, deadline=Deadline.after(5.0))
-    state = Runner(crossed_pairs(1), settings, solve_model)
-    for passed in (1.0, 10.0):
-        state.record.started = time.perf_counter() - passed
-        assert not state.put_other_optimum()
-    assert len(made) == 1
 
 
 # --------------------------------------------------------------------

@@ -9,7 +9,6 @@ import sys
 import pyomo.environ as pyo
 import pytest
 from harness.checked import unchanged
-from harness.dae import driven_tank
 from harness.routes import every_backend
 from pyomo.contrib.solver.common.factory import SolverFactory
 from pyomo.contrib.solver.common.results import SolutionStatus, TerminationCondition
@@ -317,20 +316,3 @@ def test_options_of_the_command_go_where_they_belong():
     assert solver.config.strategies == "barrier"
     assert solver.config.time_limit == 7
     assert solver.config.solver_options.value() == {"tol": 1e-9, "linear_solver": "mumps"}
-
-
-def test_solution_of_a_discretised_model():
-    """Every variable has a value at every point; where one has none, Pyomo could not write any."""
-    m = driven_tank((0, 1), initialize=0)
-    m.cost = pyo.Objective(expr=m.x[1] ** 2)
-    pyo.TransformationFactory("pyrobocop.collocation").apply_to(m, nfe=2)
-    results = pyo.SolverFactory("pyrobocop.mpcc").solve(m)
-    pyo.assert_optimal_termination(results)
-    m.solutions.store_to(results)
-    written = results.solution.variable
-    assert written["u[0]"]["Value"] == m.u[0].value
-    assert len(written) == len(m.x) + len(m.u)
-    m.unused = pyo.Var()
-    results = pyo.SolverFactory("pyrobocop.mpcc").solve(m)
-    m.solutions.store_to(results)
-    assert len(results.solution) == 0
