@@ -1,8 +1,6 @@
 """Examples of teams: their models, their sizes, and what their tasks are."""
 
 import pickle
-import subprocess
-import sys
 from itertools import pairwise
 
 import hit_and_catch as game
@@ -253,10 +251,3 @@ def test_nodes_walk_as_a_team():
     spoilt["ground['a'].press"][3] += 5.0
     found = truss.WalkPhysics(truss.Walk(30))({"robot": spoilt})
     assert (found.practical, found.force) == (False, pytest.approx(5.0, abs=0.1))
-
-
-def test_the_script_reads_its_command_line():
-    asked = [sys.executable, "-W", "error", truss.__file__, "--help"]
-    ended = subprocess.run(asked, capture_output=True, text=True, timeout=900)
-    assert ended.returncode == 0, ended.stderr
-    assert "--coarse" in ended.stdout

@@ -47,20 +47,6 @@ def test_splitting_keeps_the_whole_motion_covered(choices):
             assert pose.numbers()[1] == pytest.approx([there["x"], there["y"]], abs=1e-12)
 
 
-@pytest.mark.executable
-def test_splitting_never_raises_the_cost_nor_costs_safety():
-    m = turning_move(elements=4)
-    avoid = avoiding(m)
-    avoid.initialize()
-    solve_once(m)
-    before = pyo.value(m.effort)
-    for index in list(avoid.separations):
-        avoid.split(*index)
-    solve_once(m)
-    assert pyo.value(m.effort) <= before * (1 + 1e-7)
-    assert min(avoid.separation_gaps().values()) >= 0.05 - 1e-6
-
-
 def test_broad_phase_leaves_out_what_is_far_and_brings_it_back():
     m = turning_move(elements=4, height=3)
     avoid = avoiding(m, obstacles=FAR, broad_phase=2.0)
