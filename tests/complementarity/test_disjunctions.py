@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pyomo.dae as dae
 import pyomo.environ as pyo
 import pyomo.mpec as mpec
 import pytest
@@ -145,15 +144,6 @@ def test_a_copy_answers_with_its_own_components(choose, kind):
     assert len(active_pairs(m)) == 0 < len(active_pairs(other))
 
 
-def test_create_using_leaves_the_original_and_takes_its_targets(choose):
-    m = model()
-    before = state(m)
-    copy = choose.create_using(m, targets=[m.cc])
-    assert state(m) == before
-    assert len(list(copy.component_data_objects(Disjunction, descend_into=True))) == 2
-    assert copy.range.active
-
-
 def test_a_relaxation_and_disjunctions_live_side_by_side(choose):
     m = model()
     m.n.fix(1)
@@ -171,17 +161,6 @@ def test_bounds_of_a_range_stay_those_of_their_parameters(choose):
     (block,) = choose.apply_to(m, targets=m.moving).blocks
     m.lo.set_value(1)
     assert [pyo.value(block.disjuncts[0, branch].rows[1].lower) for branch in ("lower", "upper")] == [1, 3]
-
-
-def test_fixing_a_side_changes_nothing_about_what_is_generated(choose):
-    m, reference = model(), model()
-    m.x.fix(1)
-    m.y.fix(1)
-    choose.apply_to(m)
-    m.x.unfix()
-    m.y.unfix()
-    choose.apply_to(reference)
-    assert lp_text(m) == lp_text(reference)
 
 
 @pytest.mark.parametrize("reformulation", REFORMULATIONS)
@@ -204,27 +183,6 @@ def test_a_pair_in_a_disjunct_holds_only_where_that_is_chosen(choose, highs, ref
     assert pyo.value(copy.cost) == pytest.approx(3)  # the right one, without it
     choose.revert(m, token)
     assert state(m) == before
-
-
-# ---- refusals
-
-
-def not_a_number(m: Any) -> None:
-    m.wide = Complementarity([3], rule=lambda m, i: complements(float("nan") * m.x[1] >= 0, m.y[1] >= 0))
-
-
-@pytest.mark.parametrize(
-    ("spoil", "words"),
-    [
-        (deactivate_pairs, "no active complementarity pair in it"),
-        (not_a_number, r"'wide\[3\]': a coefficient is NaN"),
-    ],
-)
-def test_a_failure_leaves_the_model_as_it_was(choose, spoil, words):
-    m = model()
-    spoil(m)
-    with unchanged(state, m), pytest.raises(ValueError, match=words):
-        choose.apply_to(m)
 
 
 # --------------------------------------------------------------------
@@ -254,48 +212,6 @@ def test_pairs_in_a_disjunct_are_refused_until_it_is_chosen(choice):
     RELAX.apply_to(choice)
     assert len(RELAX.shifted_rows_of(choice)) == 2
     nl_text(choice)
-
-
-@pytest.mark.parametrize(
-    ("component", "pair"),
-    [(mpec.Complementarity, mpec.complements), (Complementarity, complements)],
-    ids=["pyomo.mpec", "ours"],
-)
-def test_pairs_in_blocks_over_time_survive_discretisation(component, pair):
-    m = pyo.ConcreteModel()
-    m.t = dae.ContinuousSet(bounds=(0, 1))
-    m.x = pyo.Var(m.t, bounds=(0, None), initialize=1)
-    m.u = pyo.Var(m.t, initialize=0)
-    m.xdot = dae.DerivativeVar(m.x, wrt=m.t, initialize=0)
-    m.ode = pyo.Constraint(m.t, rule=lambda m, t: m.xdot[t] == m.u[t])
-    m.cost = pyo.Objective(expr=m.x[1])
-
-    def at(b, t):
-        b.first = component(expr=pair(b.model().x[t] >= 0, b.model().u[t] >= 0))
-        b.second = component(expr=pair(b.model().x[t] >= 0, b.model().u[t] <= 1))
-
-    m.contact = pyo.Block(m.t, rule=at)
-    pyo.TransformationFactory("dae.collocation").apply_to(m, nfe=3, ncp=2)
-    assert len(active_pairs(m)) == 2 * len(m.t)
-    RELAX.apply_to(m, grouping="element")
-    assert len(RELAX.shifted_rows_of(m)) == len(m.t)
-    nl_text(m)
-
-
-def test_the_kkt_conditions_of_pyomo_are_taken():
-    m = pyo.ConcreteModel()
-    m.x = pyo.Var(bounds=(0, 3), initialize=1)
-    m.y = pyo.Var(initialize=1)
-    m.c = pyo.Constraint(expr=m.x + m.y <= 4)
-    m.ranged = pyo.Constraint(expr=(-1, m.x - m.y, 2))
-    m.cost = pyo.Objective(expr=(m.x - 5) ** 2 + m.y**2)
-    pyo.TransformationFactory("core.kkt").apply_to(m)
-    pairs = active_pairs(m)
-    assert len(pairs) == 5
-    # At x = y = 1, by hand: slacks 4 - 2, 0 + 1, 2 - 0, 1 - 0, 3 - 1.
-    assert sorted(pyo.value(pair.b) for pair in pairs) == [1, 1, 2, 2, 2]
-    RELAX.apply_to(m)
-    assert len(RELAX.shifted_rows_of(m)) == 5
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,11 @@ from typing import Any
 import pyomo.environ as pyo
 import pytest
 from harness.phases import integrator, one_phase
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from mpcc_catalogue.point_check import check_point
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.complementarity import canonical_form, pair_residuals, pairs_of, relax, revert
+from pyrobocop_pyomo.complementarity import canonical_form, pair_residuals, pairs_of
 from pyrobocop_pyomo.complementarity.absolute_values import is_zero_product
 from pyrobocop_pyomo.errors import ComplementarityError
 
@@ -35,23 +34,6 @@ def test_residuals_are_those_of_the_product_with_the_size_of_the_free_side(c, h)
     assert max(abs(residual.product) for residual in residuals) == pytest.approx(c * abs(2.0 * h), rel=1e-12)
     assert max(abs(residual.natural) for residual in residuals) == pytest.approx(min(c, abs(2.0 * h)), rel=1e-12)
     assert [residual.name for residual in residuals] == ["either (positive)", "either (negative)", "either (sign)"]
-
-
-@settings(max_examples=25, deadline=None)
-@given(c=st.floats(0, 2), h=st.floats(-2, 2), delta=st.floats(1e-3, 1.0))
-def test_relaxed_rows_hold_where_the_product_is_below_delta(c, h, delta):
-    m = nearest(0, 0)
-    token = relax(m, delta=delta)
-    m.c, m.h = c, h
-    positive, negative = list(token.block.lifted.values())
-    positive.set_value(max(2.0 * h, 0.0))
-    negative.set_value(max(-2.0 * h, 0.0))
-    slack = min(row.slack() for row in token.block.component_data_objects(pyo.Constraint) if not row.equality)
-    assert (slack >= -1e-12) == (c * abs(2.0 * h) <= delta + 1e-12)
-    assert all(abs(row.slack()) < 1e-12 for row in token.block.component_data_objects(pyo.Constraint) if row.equality)
-    revert(m, token)
-    assert pairs_of(m)
-    assert not list(m.component_data_objects(pyo.Constraint))
 
 
 @pytest.mark.ipopt
@@ -275,19 +257,3 @@ def test_soft_thresholds(weight: float) -> None:
     assert weight == 0.0 or parts == pytest.approx(abs(m.x.value), abs=1e-6)
     SPLIT.revert(m)
     assert pyo.value(m.cost) == pytest.approx((m.x.value - 2) ** 2 + weight * abs(m.x.value))
-
-
-@pytest.mark.ipopt
-@pytest.mark.parametrize("bound", [0.5, 1.0, 2.0])
-def test_outside_and_inside_of_a_diamond(bound: float) -> None:
-    """The nearest points to (0.8 r, 0) outside of ``|x| + |y| < r`` and to (2 r, 0) inside."""
-    for sign, start, distance in ((1, 0.8, 0.2 / 2**0.5), (-1, 2.0, 1.0)):
-        m = pyo.ConcreteModel()
-        m.x, m.y = pyo.Var(initialize=start * bound), pyo.Var(initialize=0.1 * bound)
-        m.outside = pyo.Constraint(expr=sign * (abs(m.x) + abs(m.y) - bound) >= 0)
-        m.cost = pyo.Objective(expr=(m.x - start * bound) ** 2 + m.y**2)
-        SPLIT.apply_to(m)
-        rcp.solve(m, progress=False).raise_for_status()
-        SPLIT.revert(m)
-        assert pyo.value(m.cost) == pytest.approx((distance * bound) ** 2, rel=1e-5)
-        assert check_point(m).violation <= 1e-6

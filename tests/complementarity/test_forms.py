@@ -24,7 +24,7 @@ from pyrobocop_pyomo.complementarity import (
 )
 from pyrobocop_pyomo.errors import ComplementarityError
 
-from .harness import RELAX, round_trip, state
+from .harness import RELAX, state
 
 BOTH = pytest.mark.parametrize("component", [Complementarity, mpec.Complementarity], ids=["ours", "pyomo.mpec"])
 whole = st.integers(-3, 3)
@@ -102,26 +102,6 @@ def test_an_equality_holds_and_leaves_the_other_side_free(f, h):
         form = canonical_form(m.component(f"cc{number}"))
         assert form.pairs == ()
         assert met(form) == (f == 2)
-
-
-@given(f=whole, h=whole)
-def test_a_plain_variable_between_two_bounds_is_a_range(f, h):
-    m = two_variables(f, h)
-    m.x = pyo.Var(bounds=(m.lo, m.up), initialize=f)
-    m.cc = Complementarity(expr=complements(m.x, m.h))
-    form = canonical_form(m.cc)
-    assert [pair.a_row for pair in form.pairs] == [None, None]
-    assert (met(form) and -1 <= f <= 2) == projection_holds(f, h, -1, 2)
-
-
-@given(f=whole, h=whole)
-def test_swapping_the_sides_changes_nothing(f, h):
-    m = two_variables(f, h)
-    sides = (pyo.inequality(m.lo, m.f, m.up), m.h)
-    m.one, m.two = Complementarity(expr=complements(*sides)), Complementarity(expr=complements(*sides[::-1]))
-    one, two = (pair_residuals(canonical_form(source).pairs) for source in (m.one, m.two))
-    assert [(pair.a, pair.b) for pair in one] == [(pair.a, pair.b) for pair in two]
-    assert [pair.name for pair in one] == ["one (lower)", "one (upper)"]
 
 
 @BOTH
@@ -204,43 +184,6 @@ def test_the_rows_of_a_range_bound_what_h_is_beyond_zero_by_delta(f, h, delta):
     assert [row.ub for row in RELAX.shifted_rows_of(m)] == [delta, delta]
 
 
-def mixed() -> Any:
-    m = two_variables(1, 1)
-    m.cost = pyo.Objective(expr=m.f**2 + m.h**2)
-    m.I = pyo.Set(initialize=[1, 2])
-    m.x, m.y = pyo.Var(m.I, bounds=(0, 1), initialize=0.5), pyo.Var(m.I, initialize=0)
-    m.family = Complementarity(m.I, rule={i: complements(m.x[i], m.y[i]) for i in m.I})
-    m.range = mpec.Complementarity(expr=mpec.complements(pyo.inequality(m.lo, m.f + m.h, m.up), m.h))
-    m.equal = Complementarity(expr=complements(m.f == m.h, m.y[1]))
-    m.signed = Complementarity(expr=complements(pyo.inequality(m.lo, m.f, m.up), m.h <= 0))
-    m.single = Complementarity(expr=complements(m.f >= -4, m.h <= 4))
-    m.part = pyo.Block(m.I)
-    for i in m.I:
-        m.part[i].cc = mpec.ComplementarityList(
-            rule=[mpec.complements(m.f == m.y[i], m.h), mpec.complements(pyo.inequality(0, m.f, i), m.h)]
-        )
-    m.maybe = pyo.Block()
-    m.maybe.cc = Complementarity(expr=complements(pyo.inequality(0, m.f, 1), m.h))
-    m.maybe.equal = Complementarity(expr=complements(m.f == 1, m.h))
-    return m
-
-
-def test_every_form_is_relaxed_and_reverted():
-    m = mixed()
-    m.maybe.deactivate()
-    round_trip(m)
-    m.maybe.activate()
-    RELAX.apply_to(m)
-    rows = list(RELAX.shifted_rows_of(m))
-    # Two for each of the six ranges, one for the signed and one for the single pair.
-    assert len(rows) == 14
-    assert {RELAX.sources_of(row)[0].name for row in rows} == {
-        *("family[1]", "family[2]", "range", "signed", "single"),
-        *("part[1].cc[2]", "part[2].cc[2]", "maybe.cc"),
-    }
-    assert len(RELAX.rows_of(m.maybe.equal)) == 1
-
-
 @pytest.mark.parametrize("options", [{"relaxation": "penalty"}, {"grouping": "element"}, {"lift": True}], ids=str)
 def test_the_products_of_a_range_are_summed_and_penalised_like_others(options):
     """With its free side split into parts, none of which is negative, no product cancels another."""
@@ -259,24 +202,10 @@ def test_the_products_of_a_range_are_summed_and_penalised_like_others(options):
 
 
 # --------------------------------------------------------------------
-# What a user of Pyomo may expect of pairs, one sentence after another.
+# Every form against its branches.
 
 
 with_ipopt = pytest.mark.asl
-
-
-def existing_model() -> Any:
-    """A user's model of pyomo.mpec: min sum (gap - 1)^2 + (force - 3)^2 with 0 <= gap ⟂ force - least >= 0."""
-    m = pyo.ConcreteModel(name="existing")
-    m.I = pyo.Set(initialize=[1, 2])
-    m.gap, m.force = pyo.Var(m.I, bounds=(0, None), initialize=1), pyo.Var(m.I, initialize=2)
-    m.least = pyo.Param(initialize=1, mutable=True)
-    m.cc = mpec.Complementarity(m.I, rule=lambda m, i: mpec.complements(m.gap[i] >= 0, m.force[i] - m.least >= 0))
-    m.cost = pyo.Objective(expr=sum((m.gap[i] - 1) ** 2 + (m.force[i] - 3) ** 2 for i in m.I))
-    return m
-
-
-# ---- 11: every form against its branches
 
 
 def plane() -> Any:
@@ -347,23 +276,3 @@ def test_every_form_reaches_the_best_of_its_branches(form, aim):
 
 def equalities(source: Any) -> list[Any]:
     return [row for row in canonical_form(source).rows if len(row.args) == 2 and not canonical_form(source).pairs]
-
-
-# ---- 14: the report
-
-
-@with_ipopt
-def test_after_the_homotopy_every_pair_and_every_step_is_reported():
-    m = existing_model()
-    result = rcp.solve(
-        m, strategies=rcp.Strategy(schedule=rcp.relaxations.Geometric(first=1e-1, factor=0.1, last=1e-8))
-    )
-    assert [residual.name for residual in result.residuals] == ["cc[1]", "cc[2]"]
-    natural = [residual.natural for residual in result.residuals]
-    by_hand = [min(m.gap[i].value, m.force[i].value - 1) for i in m.I]
-    assert natural == pytest.approx(by_hand, abs=1e-12)
-    assert 0 <= max(natural) <= sum(natural) <= 1e-3
-    deltas = [step.delta for step in result.steps if step.delta is not None]
-    assert deltas == sorted(deltas, reverse=True)
-    assert deltas[0] == pytest.approx(1e-1)
-    assert all(step.status.solved for step in result.steps if step.status is not None)

@@ -97,14 +97,6 @@ def test_a_zero_bound_leaves_the_bare_variable(model):
     assert side(model, model.w)[0] is model.w
 
 
-def test_a_mutable_bound_is_followed(model):
-    expression, _ = side(model, model.free >= model.p)
-    own, _ = side(model, model.moving)
-    model.p.set_value(-1)
-    assert pyo.value(expression) == 4
-    assert pyo.value(own) == 3
-
-
 def test_of_two_own_bounds_one_is_chosen(model):
     assert pyo.value(side(model, model.box, bound="lower")[0]) == 1
     assert pyo.value(side(model, model.box, bound="upper")[0]) == 2
@@ -173,23 +165,6 @@ def by_rule(m, i):
     return complements(m.x[i] >= 0, m.y[i] >= 0)
 
 
-def test_a_scalar_component_is_its_own_pair(indexed):
-    indexed.cc = Complementarity(expr=by_rule(indexed, 1))
-    assert indexed.cc.args[0].args[1] is indexed.x[1]
-    assert [pair.source for pair in active_pairs(indexed)] == [indexed.cc]
-    assert len(indexed.cc) == 1
-
-
-@pytest.mark.parametrize(
-    "given",
-    [by_rule, lambda m, i: (m.x[i] >= 0, m.y[i] >= 0)],
-    ids=["complements", "tuple"],
-)
-def test_a_rule_gives_one_pair_per_index(indexed, given):
-    indexed.cc = Complementarity(indexed.I, rule=given)
-    assert [pair.name for pair in active_pairs(indexed)] == ["cc[1]", "cc[2]", "cc[3]"]
-
-
 def test_a_mapping_gives_the_pairs_it_has(indexed):
     indexed.cc = Complementarity(indexed.I, rule={2: by_rule(indexed, 2)})
     assert list(indexed.cc) == [2]
@@ -248,11 +223,6 @@ def test_pprint_and_display_show_the_sides(indexed):
 def test_a_wrong_group_or_weight_is_refused(indexed, options, message):
     with pytest.raises(ComplementarityError, match=r"^'cc\[1\]': .*" + message):
         indexed.cc = Complementarity(indexed.I, rule=by_rule, **options)
-
-
-def test_rule_and_expr_exclude_each_other():
-    with pytest.raises(ValueError, match="only accepts one of"):
-        Complementarity(rule=by_rule, expr=by_rule)
 
 
 def test_importing_this_package_leaves_the_decorators_of_pyomo_alone(indexed):

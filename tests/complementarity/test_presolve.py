@@ -109,11 +109,6 @@ def test_an_expression_decides_by_the_intervals_of_its_variables() -> None:
     assert side.variable is m.y
 
 
-def test_an_open_pair_is_left_open() -> None:
-    m = plane()
-    assert decisions(m) == []
-
-
 def both_positive() -> pyo.ConcreteModel:
     m = plane((0, None), (2, None))
     m.x.fix(1.0)

@@ -97,11 +97,6 @@ def test_words_stand_for_objects():
         hash(as_relaxation(word))
 
 
-def test_numbers_that_make_no_relaxation_are_refused():
-    with pytest.raises(ValueError, match="must be positive"):
-        Elastic(excess_bound=0)
-
-
 # --------------------------------------------------------------------
 # Relaxations, groupings and schedules on their own: laws of numbers, no model and no solver.
 
@@ -138,12 +133,6 @@ def pairs():
         m.part[i].u = Complementarity(expr=complements(*pair))
         m.part[i].v = Complementarity(expr=complements(*pair))
     yield active_pairs(m)  # noqa: PT022  (a pair does not keep its model alive)
-
-
-def test_per_pair_gives_each_pair_a_group_that_none_joins(pairs):
-    groups = PerPair().groups(pairs)
-    assert [name for name, _ in groups] == [None] * len(pairs)
-    assert all(len(members) == 1 for _, members in groups)
 
 
 def test_per_element_gathers_label_or_index_within_a_block(pairs):
@@ -201,7 +190,7 @@ def test_a_superlinear_schedule_takes_the_larger_of_both_reductions(first, facto
 
 
 @pytest.mark.parametrize(
-    ("schedule", "options", "message"),
+    ("choice", "options", "message"),
     [
         (Fixed, {"delta": 0}, r"Fixed\(delta=0\): delta must be positive and finite"),
         (Geometric, {"first": -1}, "first must be positive"),
@@ -211,11 +200,13 @@ def test_a_superlinear_schedule_takes_the_larger_of_both_reductions(first, facto
         (Superlinear, {"factor": 0.0}, "factor must lie between 0 and 1"),
         (FollowBarrier, {"floor": 0.0}, "floor must be positive"),
         (FollowBarrier, {"factor": math.inf}, "factor must be positive and finite"),
+        (Elastic, {"excess_bound": 0}, "must be positive"),
+        (Crossed, {"left_end": "a"}, "left_end is None, 'first' or 'second'"),
     ],
 )
-def test_numbers_that_give_no_schedule_are_refused(schedule, options, message):
+def test_what_gives_no_schedule_relaxation_or_grouping_is_refused(choice, options, message):
     with pytest.raises(ComplementarityError, match=message):
-        schedule(**options)
+        choice(**options)
 
 
 # --------------------------------------------------------------------
@@ -239,11 +230,6 @@ def test_a_crossed_row_comes_from_the_pairs_of_both_sides():
     names = {tuple(source.index() for source in RELAX.sources_of(row)) for row in RELAX.shifted_rows_of(m)}
     assert names == {((i, j), (i, k)) if j != k else ((i, j),) for i in (0, 1) for j in (0, 1) for k in (0, 1)}
     assert len(RELAX.rows_of(m.cc[0, 0])) == 3
-
-
-def test_an_unknown_way_to_begin_is_refused():
-    with pytest.raises(ComplementarityError, match="left_end is None, 'first' or 'second'"):
-        Crossed(left_end="a")
 
 
 def phase(elements=3, stages=2, statements=2):
@@ -282,15 +268,6 @@ def test_crossed_products_are_of_one_statement_and_hold_each_pair(grouping, elem
     assert {(id(pair), id(pair)) for pair in pairs} <= formed
     ends = 0 if grouping.left_end is None else (elements - 1) * stages
     assert len(formed) == statements * (elements * stages**2 + ends)
-
-
-def test_with_one_stage_and_no_left_end_crossed_is_pair_by_pair():
-    written = []
-    for grouping in ("crossed", "pair"):
-        m = phase(elements=4, stages=1)
-        RELAX.apply_to(m, grouping=grouping)
-        written.append(sorted(str(row.expr) for row in RELAX.shifted_rows_of(m)))
-    assert written[0] == written[1]
 
 
 @pytest.mark.parametrize("left_end", ["first", "second"])

@@ -8,7 +8,7 @@ import pytest
 from harness.quadratic_program import QuadraticProgram
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from mpcc.problems import sides, trap
+from mpcc.problems import sides
 from scipy.optimize import linprog
 
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
@@ -213,15 +213,3 @@ def test_the_guard_is_that_of_the_page(objectives, residuals):
     alpha = 1e-7 if r_new >= r else (1e-3 if r <= 1e-6 else 1e-2)
     # Of branches that do not pass, one that is more exact is taken all the same; and a relaxed point is made exact.
     assert kept == (f_new <= f + alpha * max(1.0, abs(f)) or r_new < r or r > 1e-6)
-
-
-# ------------------------------------------------------------------------------ examples
-
-
-def test_the_trap_has_the_multipliers_of_the_page_and_no_certificate():
-    """eq-trap."""
-    program = trap()
-    point = Linearisation.at(program.nlp, np.zeros(2))
-    found = classify(MultiplierProblem(program, point))
-    assert (found.kind, *found.nu, *found.xi) == (Stationarity.M, 0.0, pytest.approx(-2.0))
-    assert steepest_branch(program, point, 1e-3, node_limit=1000).decrease == pytest.approx(2.0)

@@ -14,12 +14,9 @@ from harness.phases import with_phase
 from harness.scenes import avoiding, placed, set_poses, turning_move
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.diagnosis import Severity
-from pyrobocop_pyomo.geometry import spatial_pose
-from pyrobocop_pyomo.motion.given_motions import motion_along_paths, read_path
 from pyrobocop_pyomo.numerics import remesh
 from pyrobocop_pyomo.obstacles.initial_separations import _cheapest_path
 from pyrobocop_pyomo.obstacles.tightening import tighten
@@ -127,34 +124,6 @@ def test_mathjax_is_copied_from_a_package():
     (script,) = (Path(path) for path in settings["html_static_path"] if Path(path).name == settings["mathjax_path"])
     assert re.search(rb"MathJax", script.read_bytes())
     assert "http" not in settings["mathjax_path"]
-
-
-# --------------------------------------------------------------------
-# The page's formulas for shapes that stand for others are those of the code.
-
-
-def test_excess_of_grids() -> None:
-    stairs = np.eye(4, dtype=bool)
-    (part,) = rcp.scenes.cover_occupancy_grid(stairs, 0.5, tolerance=0.5)
-    assert part.excess == pytest.approx(0.5)
-    assert len(rcp.scenes.cover_occupancy_grid(stairs, 0.5, tolerance=0.49)) == 4
-
-
-def test_rotation_at_constant_rate() -> None:
-    random = np.random.default_rng(3)
-    turns = Rotation.from_rotvec(random.normal(size=(3, 3)))
-    times = np.array([0.0, 1.0, 3.0])
-    places = random.normal(size=(3, 3))
-    poses = [spatial_pose(at, matrix=turn) for at, turn in zip(places, turns.as_matrix().tolist(), strict=True)]
-    path = read_path(poses, times, 3, "body")
-    motion, rules = motion_along_paths(times, {"body": path})
-    for interval in range(2):
-        step = (turns[interval].inv() * turns[interval + 1]).as_rotvec()
-        for s in (0.0, 0.3, 1.0):
-            rotation, translation = motion.pose_at(rules["body"], interval, s).numbers()
-            expected = (turns[interval] * Rotation.from_rotvec(s * step)).as_matrix()
-            assert rotation == pytest.approx(expected, abs=1e-12)
-            assert translation == pytest.approx((1 - s) * places[interval] + s * places[interval + 1])
 
 
 # --------------------------------------------------------------------

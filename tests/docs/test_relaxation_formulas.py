@@ -12,10 +12,6 @@ from hypothesis import strategies as st
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.complementarity import Elastic, PerElement
 
-from .code_blocks import ROOT
-
-PAGE = (ROOT / "docs" / "explanation" / "complementarity.md").read_text(encoding="utf-8")
-
 sides = st.floats(-2, 5)
 deltas = st.floats(1e-3, 1.0)
 

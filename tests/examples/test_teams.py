@@ -1,8 +1,6 @@
 """Examples of teams: their models, their sizes, and what their tasks are."""
 
 import pickle
-import subprocess
-import sys
 from itertools import pairwise
 
 import hit_and_catch as game
@@ -144,32 +142,8 @@ def test_touches_and_flights_are_counted() -> None:
     assert game.touches(plans) == (["a", "b"], 0)
 
 
-def test_players_start_at_home_apart_from_each_other_and_from_the_puck() -> None:
-    for seed in range(10):
-        players = game.game(seed).players
-        places = np.array(list(players.values()))
-        for (x, y), home in zip(places.tolist(), game.HOMES.values(), strict=True):
-            assert all(low + 0.3 <= z <= high - 0.3 for z, (low, high) in zip((x, y), home, strict=True))
-            assert game.PUCK.shape.gap_to_disc(game.PLAYER.shape.radius, x, y, game.START).gap >= 0.05
-        distances = np.linalg.norm(places[:, None] - places[None, :], axis=-1) + 9 * np.eye(6)
-        assert distances.min() > game.APART
-
-
 # --------------------------------------------------------------------
 # The ball and its quadrotors: their models, their sizes, their tasks, and a plan for all of them.
-
-
-@pytest.mark.parametrize("robots", [3, 12])
-def test_tasks_have_room_for_everybody(robots: int) -> None:
-    for seed in range(5):
-        task = sphere.task(seed, robots)
-        places = np.array(list(task.robots.values()))
-        gaps = [task.ball.shape.gap_to_sphere(0.12, place, task.start[:3]).gap for place in places]
-        assert min(gaps) > 0.1
-        distances = np.linalg.norm(places[:, None] - places[None, :], axis=-1) + 9 * np.eye(robots)
-        assert distances.min() > sphere.APART
-        assert np.linalg.norm(np.subtract(task.goal, task.start)[:2]) == pytest.approx(0.4)
-        assert 20 <= np.degrees(np.linalg.norm(task.goal[3:])) <= 60
 
 
 def test_the_guess_touches_the_ball_from_below_and_keeps_apart() -> None:
@@ -182,17 +156,6 @@ def test_the_guess_touches_the_ball_from_below_and_keeps_apart() -> None:
         assert min(pyo.value(row.body) for row in m.apart.values()) > sphere.APART**2
         score = m.score(sphere.plans_of(m))
         assert not score.practical
-
-
-def test_the_team_shares_what_its_models_have() -> None:
-    """One model for all, made from the builders of the agents, has the guess of the example's own, and scores it."""
-    task = sphere.task(2)
-    team = sphere.team(task)
-    merged = team.central()
-    plans = team.plans_of(merged)
-    assert set(plans) == {"sphere", "a", "b", "c"}
-    np.testing.assert_allclose(plans["a"]["me.z"], list(sphere.quadrotor(task, "a").me.z.extract_values().values()))
-    assert not team.physics(plans).practical
 
 
 @pytest.mark.ipopt
@@ -288,10 +251,3 @@ def test_nodes_walk_as_a_team():
     spoilt["ground['a'].press"][3] += 5.0
     found = truss.WalkPhysics(truss.Walk(30))({"robot": spoilt})
     assert (found.practical, found.force) == (False, pytest.approx(5.0, abs=0.1))
-
-
-def test_the_script_reads_its_command_line():
-    asked = [sys.executable, "-W", "error", truss.__file__, "--help"]
-    ended = subprocess.run(asked, capture_output=True, text=True, timeout=900)
-    assert ended.returncode == 0, ended.stderr
-    assert "--coarse" in ended.stdout

@@ -4,14 +4,13 @@ import functools
 import itertools
 import time
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import pytest
 from pyomo.contrib.solver.solvers.ipopt import Ipopt
 
 from pyrobocop_pyomo.ipopt import ipopt_run
 from pyrobocop_pyomo.modeling.deadline import Deadline
-from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch
 from pyrobocop_pyomo.numerics import linear_programs
 
 Options = dict[str, Any]
@@ -53,41 +52,24 @@ def interrupt_run(monkeypatch: pytest.MonkeyPatch, number: int) -> list[int]:
     return runs
 
 
-class LinearProgram(NamedTuple):
-    """One that is about to be solved: for the exploration, or for anything else."""
-
-    number: int
-    time_limit: float
-    explores: bool
-
-
-def before_linear_programs(monkeypatch: pytest.MonkeyPatch, act: Callable[[LinearProgram], object]) -> None:
-    """Call `act` before each linear program, numbered from 0; what it raises comes from there."""
-    numbers, exploring = itertools.count(), [False]
-    explored_from = ActiveSetSearch._explored_from
-
-    def exploring_from(*arguments: Any) -> Any:
-        exploring[0] = True
-        try:
-            return explored_from(*arguments)
-        finally:
-            exploring[0] = False
+def before_linear_programs(monkeypatch: pytest.MonkeyPatch, act: Callable[[int], object]) -> None:
+    """Call `act` with the number, from 0, of each linear program before its solve; what it raises comes from there."""
+    numbers = itertools.count()
 
     def acting(old: Callable[..., Any]) -> Callable[..., Any]:
         @functools.wraps(old)
-        def act_and_solve(self: Any, deadline: Deadline, *arguments: Any) -> Any:
-            act(LinearProgram(next(numbers), deadline.left, exploring[0]))
-            return old(self, deadline, *arguments)
+        def act_and_solve(*arguments: Any) -> Any:
+            act(next(numbers))
+            return old(*arguments)
 
         return act_and_solve
 
-    monkeypatch.setattr(ActiveSetSearch, "_explored_from", exploring_from)
     _replace_solvers(monkeypatch, acting)
 
 
-def count_linear_programs(monkeypatch: pytest.MonkeyPatch) -> list[LinearProgram]:
+def count_linear_programs(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """The linear programs from now on."""
-    seen: list[LinearProgram] = []
+    seen: list[int] = []
     before_linear_programs(monkeypatch, seen.append)
     return seen
 

@@ -1,14 +1,10 @@
 """Small problems with known answers, and the ways to solve them."""
 
-from collections.abc import Callable
-
 import pyomo.environ as pyo
 import pytest
 
 import pyrobocop_pyomo as rcp
 import pyrobocop_pyomo.ipopt.in_process
-
-Solve = Callable[..., object]
 
 
 def hock_schittkowski_71() -> tuple[pyo.ConcreteModel, float]:

@@ -1,7 +1,6 @@
 """Laws of smooth gaps and of forces at a contact, which are the same in the plane and in space."""
 
 import math
-import pickle
 from typing import Any
 
 import numpy as np
@@ -105,7 +104,3 @@ def test_action_is_reaction_and_power_is_force_times_slip(scene: Any, force: Any
     np.testing.assert_allclose(np.subtract(wrench[d:], cross_product(at.point, wrench[:d])), 0.0, atol=1e-12)
     power = dot(on_robot, velocity) + dot(wrench, twist)
     assert power == pytest.approx(dot(force, contact.velocity(at, velocity, twist)), abs=1e-9)
-
-
-def test_shapes_travel() -> None:
-    assert pickle.loads(pickle.dumps(SHAPES)) == SHAPES

@@ -1,7 +1,6 @@
 """What a law states on a phase, without a solver: values that satisfy it, names, copies, refusals."""
 
 import math
-import pickle
 from collections.abc import Callable
 from typing import Any
 
@@ -127,16 +126,6 @@ def walled(b: Any, index: int = 0) -> None:
     b.ode(rates)
 
 
-def test_one_law_twice_on_each_of_several_phases() -> None:
-    m = pyo.ConcreteModel()
-    m.phases = rcp.PhaseBlock([0, 1], duration=1.0, elements=2, rule=walled)
-    assert m.phases[0].wall is not m.phases[1].wall
-    for phase in m.phases.values():
-        phase.check()
-        assert set(phase.record.names_of_signals) == {"wall", "ceiling"}
-        assert {"wall_pairs", "ceiling_pairs"} <= {c.local_name for c in phase.component_objects(rcp.Complementarity)}
-
-
 def test_a_clone_reads_its_own_parameters() -> None:
     m = pyo.ConcreteModel()
     m.top = pyo.Param(initialize=2.0, mutable=True)
@@ -154,15 +143,6 @@ def test_a_clone_reads_its_own_parameters() -> None:
     twin.top.set_value(-5.0)
     twin.phase.k.set_value(2.0)
     assert str(twin.phase.trajectory().verify()) == str(m.phase.trajectory().verify()) != before
-
-
-def test_a_pickle_keeps_laws_of_top_level_rules() -> None:
-    m, b = with_phase("phase", duration=1.0, elements=2)
-    b.x = rcp.State(initial=0.0)
-    b.wall = LAWS.SoftWall(soft_floor, stiffness=10)
-    b.ceiling = LAWS.HardWall(soft_floor)
-    b.ode(rates)
-    assert str(pickle.loads(pickle.dumps(m)).phase.trajectory().verify()) == str(b.trajectory().verify())
 
 
 def test_nothing_stays_after_a_refusal() -> None:

@@ -35,26 +35,6 @@ def phase(duration: float, elements: int) -> rcp.PhaseBlock:
     return m.phase
 
 
-def test_nonsmooth_functions_of_a_signal_that_passes_all_their_kinks() -> None:
-    b = phase(1.0, 12)
-    b.x = rcp.State(initial=-1.05)
-    b.ode(lambda b, t: {b.x: 2.0})
-    s = lambda b, t: b.x[t]  # noqa: E731
-    b.size = LAWS.AbsoluteValue(s)
-    b.above, b.below = LAWS.AbsoluteValue(lambda b, t: b.x[t] + 0.5), LAWS.AbsoluteValue(lambda b, t: b.x[t] - 0.4)
-    b.step = LAWS.Step(s)
-    found = solved(b)
-    x = np.linspace(-1.05, 0.95, 13)
-    expected = {
-        "size": np.abs(x),
-        "step": x > 0,
-    }
-    cut = (-0.1 + found.above - found.below) / 2
-    assert cut == pytest.approx(np.clip(x, -0.5, 0.4)[1:], abs=1e-6)
-    for name, values in expected.items():
-        assert getattr(found, name) == pytest.approx(values[1:].astype(float), abs=1e-6), name
-
-
 @pytest.mark.parametrize("push", [0.0, 3.0, 6.0])
 def test_a_block_slides_until_friction_holds_it(push: float) -> None:
     """Friction bears 4 N: with less than that it comes to rest, with more it goes on faster and faster."""

@@ -1,7 +1,6 @@
 """Laws of smooth gaps, of friction in the plane, and of what phases state of bodies, robots and contact."""
 
 import math
-import pickle
 from typing import Any
 
 import pyomo.environ as pyo
@@ -90,8 +89,3 @@ def test_what_cannot_be_is_refused_before_anything_is_stated() -> None:
     with pytest.raises(ModelError, match="is to read 'x' of phase 'late'"):
         planar.Contact(PUCK.shape, ROBOT.shape, friction=0.5).state(m.late, m.body, m.push)
     assert list(m.late.component_map()) == before
-
-
-def test_bodies_travel() -> None:
-    for thing in (PUCK, ROBOT, planar.Contact(PUCK.shape, ROBOT.shape, friction=0.5)):
-        assert pickle.loads(pickle.dumps(thing)) == thing

@@ -21,10 +21,6 @@ def close(expected: Any) -> Any:
     return pytest.approx(expected, abs=1e-11)
 
 
-def test_the_limit_surface_has_its_known_lever() -> None:
-    assert SLIDER.mean_distance == pytest.approx(0.0344338, abs=1e-6)
-
-
 def test_the_mean_distance_is_the_mean_distance() -> None:
     n = 400
     middles = [(2 * i + 1 - n) / n * SLIDER.half_side for i in range(n)]

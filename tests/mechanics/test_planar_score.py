@@ -201,16 +201,6 @@ def test_the_score_does_not_depend_on_where_the_scene_is(turn: float, x: float, 
         assert getattr(moved, name) == pytest.approx(getattr(expected, name), abs=1e-7)
 
 
-def test_of_copies_only_their_mean_is_the_object() -> None:
-    """Without an agent that owns the object, it is where its copies are on average."""
-    plans = carrying()
-    rod = plans.pop("rod")
-    for name, off in (("left", 0.02), ("right", -0.02)):
-        plans[name] |= {key: values + off * (key == "body.qy") for key, values in rod.items() if "u" not in key[5:6]}
-        plans[name] |= {key: values[1:] for key, values in rod.items() if "u" in key[5:6]}
-    assert SCORE(plans).strict
-
-
 def test_the_goal_may_be_a_region_or_left_out() -> None:
     plans = carrying()
     for goal, distance in (((0.5, 0.0, 0.0), 0.15), (((0.3, 0.4), None, None), 0.0), (((0.4, 0.5), None, 0.0), 0.05)):
@@ -272,12 +262,6 @@ def test_a_plan_becomes_a_film(tmp_path: Path) -> None:
     film = SCORE.animate(plans, tmp_path / "carry", frames=3)
     assert film.name == "carry.gif"
     assert film.stat().st_size > 1000
-
-
-def test_plans_have_what_the_score_says_it_reads() -> None:
-    plans = carrying()
-    assert set(SCORE.hub_components) == set(plans["rod"])
-    assert set(SCORE.robot_components) == set(plans["left"])
 
 
 def test_plans_that_cannot_be_read_are_refused() -> None:

@@ -46,16 +46,6 @@ def test_the_series_reach_half_a_turn(axis: np.ndarray) -> None:
     np.testing.assert_allclose(exponential(math.pi * axis, np.eye(3)), 2 * np.outer(axis, axis) - np.eye(3), atol=1e-9)
 
 
-@given(seed=st.integers(0, 1000), fastest=st.floats(0, 1.5))
-def test_after_many_steps_it_is_a_rotation_still(seed: int, fastest: float) -> None:
-    """42 steps with turns up to a radian and a half."""
-    rotation = np.eye(3)
-    for turn in np.random.default_rng(seed).uniform(-1, 1, (42, 3)):
-        rotation = exponential(fastest * turn / math.sqrt(3), rotation)
-    assert np.abs(rotation.T @ rotation - np.eye(3)).max() < 1e-12
-    assert np.linalg.det(rotation) == pytest.approx(1.0)
-
-
 def test_at_rest_derivatives_are_those_of_the_group() -> None:
     """First derivatives are the generators; second ones are their products, symmetrised."""
     m = pyo.ConcreteModel()

@@ -1,7 +1,6 @@
 """Laws of gaps, friction and motion in space, and of what phases state of bodies, robots and contact."""
 
 import math
-import pickle
 from typing import Any
 
 import numpy as np
@@ -268,8 +267,3 @@ def test_what_cannot_be_is_refused_before_anything_is_stated() -> None:
     with pytest.raises(ModelError, match=r"goal = \(0, 0\); expected 6 entries, a position and a rotation vector"):
         AFLOAT.state_motion(m.late, [], start=REST, goal=(0, 0))
     assert [list(phase.component_map()) for phase in (m.free, m.late)] == before
-
-
-def test_bodies_travel() -> None:
-    for thing in (BALL, QUAD, spatial.Contact(BALL.shape, QUAD.shape, friction=0.5)):
-        assert pickle.loads(pickle.dumps(thing)) == thing

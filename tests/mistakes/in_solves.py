@@ -20,7 +20,14 @@ def too_little_time(m: Any, followed: bool) -> None:
     driven(m, duration=2.0 if followed else 0.5)
 
 
-@fails("of phase 'p' at t = ", "one must give way:\n  'p.u' ", "'p.u' <= 0.1 at ", on=None)
+@fails(
+    "NOT SOLVED, and proven to have no solution",
+    "of phase 'p' at t = ",
+    "one must give way:\n  'p.u' ",
+    "'p.u' <= 0.1 at ",
+    "Try first to widen the bounds 'p.u' ",
+    on=None,
+)
 def too_little_force(m: Any, followed: bool) -> None:
     driven(m, force=2.0 if followed else 0.1)
 

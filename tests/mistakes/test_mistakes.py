@@ -10,6 +10,7 @@ from harness.phases import contents
 from pyomo.core.base.block import Block
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.solving.result_text import MOST_CHARACTERS, MOST_LINES
 
 from . import at_results, in_models, in_rules, in_solves, in_statements
 from .entries import DIAGNOSED, MISTAKES, Diagnosed
@@ -52,7 +53,11 @@ def test_a_solve_names_what_is_wrong_and_its_remedy_leads_to_a_solution(name: st
         text = str(error)
     else:
         assert not result.solved
-        text = result.report()
+        lines = str(result).splitlines()
+        assert len(lines) <= MOST_LINES
+        assert max(map(len, lines)) <= MOST_CHARACTERS
+        assert result.quality is not rcp.Quality.INFEASIBLE or "objective " not in lines[0]
+        text = f"{result}\n{result.report()}"
     says(text, mistake.words)
     m = pyo.ConcreteModel(name="cart")
     options = mistake.state(m, True) or {}

@@ -151,14 +151,6 @@ def test_proven_means_up_to_the_tolerance(gap_left: float, safe: bool) -> None:
     assert report.body_pairs[0].tolerance == pytest.approx(0.001)
 
 
-def test_sliding_along_a_wall_at_the_clearance_takes_one_plane_per_interval() -> None:
-    m = on_points([(float(i), 0, 0) for i in range(11)])
-    report = check(m, CAR, [Polytope.box(30, 1, center=(5, -0.85))], 0.1)
-    assert report.safe
-    assert report.body_pairs[0].subintervals == 10
-    assert report.body_pairs[0].proven == pytest.approx(0.1)
-
-
 def test_passing_a_corner_at_the_clearance_takes_few_subintervals() -> None:
     """The chord of the swept body is exactly as far as asked, from a corner that no middle normal separates best."""
     angle = math.radians(35)
@@ -168,20 +160,6 @@ def test_passing_a_corner_at_the_clearance_takes_few_subintervals() -> None:
     report = check(on_points(poses), Polytope.point((0, 0)), [Polytope.box(1, 1, center=(-0.5, -0.5))], 0.1)
     assert report.safe
     assert report.body_pairs[0].subintervals <= 6
-
-
-def test_rolling_along_a_wall_at_the_clearance_takes_few_subintervals() -> None:
-    """A square that turns while its lowest corner keeps its distance: the tolerance covers the chord deviation."""
-
-    def pose(b: Any, t: Any) -> Any:
-        # The lowest corner is always that at (1/2, -1/2): it lies 0.3 above the wall.
-        return planar_pose(t, 0.3 - (0.5 * pyo.sin(t) - 0.5 * pyo.cos(t)), t)
-
-    m = on_points([(0, 0, 0)] * 2, [-1.4, 0.0])
-    report = check(m, Polytope.box(1, 1), [Polytope.box(20, 1, center=(0, -0.5))], 0.3, pose=pose)
-    assert report.safe
-    assert report.body_pairs[0].subintervals <= 31
-    assert report.body_pairs[0].distance == pytest.approx(0.3)
 
 
 def test_bodies_that_move_together_keep_their_distance() -> None:
@@ -231,17 +209,6 @@ def test_nothing_is_gained_along_a_wall_without_end() -> None:
         wall = Polytope.from_halfspaces([outwards], [0.0], bounded=False)
         report = check(on_points([(*end, 0.0) for end in ends]), body, [wall], distance / 2)
         assert report.body_pairs[0].proven <= distance + 1e-15 * along, seed
-
-
-def test_unions_are_checked_part_by_part() -> None:
-    m = on_points([(0, 0, 0), (4, 0, 0)])
-    fence = Body([Polytope.box(0.2, 1, center=(2, 1.5)), Polytope.box(0.2, 1, center=(2, 0.6))])
-    report = check(m, CAR, [fence], 0.1)
-    assert [(pair.second, pair.safe) for pair in report.body_pairs] == [
-        ("obstacle 1[1]", True),
-        ("obstacle 1[2]", False),
-    ]
-    assert report.worst is report.body_pairs[1]
 
 
 def test_points_without_order_are_checked_alone() -> None:

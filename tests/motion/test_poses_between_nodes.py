@@ -255,10 +255,3 @@ def test_bodies_survive_pickling() -> None:
     assert lost.moves
     with pytest.raises(ModelError, match="survive pickling"):
         lost.pose(pyo.ConcreteModel(), 0)
-
-
-def test_parts_are_numbered_within_their_body() -> None:
-    both = Body([Polytope.box(1, 1), Polytope.box(2, 1)])
-    assert [name for name, _ in both.named_parts("car")] == ["car[1]", "car[2]"]
-    assert [name for name, _ in Body(Polytope.box(1, 1)).named_parts("car")] == ["car"]
-    assert not both.moves

@@ -11,7 +11,7 @@ from scipy.optimize import brentq, minimize_scalar
 import pyrobocop_pyomo.ipopt.in_process  # noqa: F401  (registers the solver)
 
 from .branches import Branching, branch_and_bound, enumerate_branches
-from .point_check import PointCheck, read_pairs
+from .point_check import PointCheck
 
 pytestmark = pytest.mark.casadi
 
@@ -156,11 +156,3 @@ def test_scanning_what_the_leader_sells_finds_the_best_profit(problem: MpccProbl
         options={"xatol": 1e-8},
     )
     assert problem.best == pytest.approx(min(scanned.fun, loss(nearest)), rel=1e-5)
-
-
-def test_the_check_reads_every_form_of_a_pair() -> None:
-    for problem in mpcc_problems():
-        for pair in read_pairs(problem.build()):
-            assert pair.lower < math.inf
-            assert pair.upper > -math.inf
-            assert pair.branches()

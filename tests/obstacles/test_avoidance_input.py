@@ -7,7 +7,6 @@ from harness.scenes import ARROW, WALL, avoiding, keep_clear, placed, turning_mo
 
 import pyrobocop_pyomo as rcp
 
-SEGMENT = rcp.Polytope.from_vertices([(0, 3), (1, 3)], allow_flat=True)
 STILL = rcp.Body(WALL)
 ARROWS = {name: rcp.Body(ARROW, pose=placed) for name in ("arrow", "other")}
 

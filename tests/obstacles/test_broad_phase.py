@@ -105,22 +105,6 @@ def test_nothing_is_left_out_where_the_clearance_is_to_be_found() -> None:
 
 
 @pytest.mark.casadi
-def test_a_plan_with_the_broad_phase_is_one_of_the_whole_problem() -> None:
-    """Guessed on an arc over all rocks, from where the cheapest motion comes down among them."""
-    rocks = [*rows_of_rocks(6, (-2.0, 2.0)), Polytope.regular_polygon(6, 0.5, center=(5, -0.3))]
-    objectives, counts = [], []
-    for options in ({}, {"broad_phase": None}):
-        m = field(rocks, elements=16, height=1.2, **options)
-        m.move.avoid.initialize()
-        counts.append(len(m.move.avoid.separations))
-        result = rcp.solve(m)
-        assert result.safe
-        objectives.append(result.objective)
-    assert counts[0] < counts[1] / 2
-    assert objectives[0] == pytest.approx(objectives[1], rel=1e-4)
-
-
-@pytest.mark.casadi
 def test_a_straight_line_through_several_obstacles_is_led_around_them() -> None:
     rocks = [*rows_of_rocks(6, (-2.5, 2.5)), box(0.5, 1.5, center=(3, 0.4)), box(0.5, 1.5, center=(7, -0.4))]
     m = field(rocks, elements=16)

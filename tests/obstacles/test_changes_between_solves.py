@@ -6,7 +6,7 @@ import logging
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.scenes import ARROW, WALL, avoiding, exact, placed, solve_once, turning_move
+from harness.scenes import ARROW, WALL, avoiding, exact, solve_once, turning_move
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -47,20 +47,6 @@ def test_splitting_keeps_the_whole_motion_covered(choices):
             assert pose.numbers()[1] == pytest.approx([there["x"], there["y"]], abs=1e-12)
 
 
-@pytest.mark.executable
-def test_splitting_never_raises_the_cost_nor_costs_safety():
-    m = turning_move(elements=4)
-    avoid = avoiding(m)
-    avoid.initialize()
-    solve_once(m)
-    before = pyo.value(m.effort)
-    for index in list(avoid.separations):
-        avoid.split(*index)
-    solve_once(m)
-    assert pyo.value(m.effort) <= before * (1 + 1e-7)
-    assert min(avoid.separation_gaps().values()) >= 0.05 - 1e-6
-
-
 def test_broad_phase_leaves_out_what_is_far_and_brings_it_back():
     m = turning_move(elements=4, height=3)
     avoid = avoiding(m, obstacles=FAR, broad_phase=2.0)
@@ -79,18 +65,6 @@ def test_broad_phase_leaves_out_what_is_far_and_brings_it_back():
     assert avoid.restore_near([("arrow", "far", 2)]) == []
     # All body pairs are checked, those left out as well.
     assert {(pair.first, pair.second) for pair in avoid.verify().body_pairs} == {("arrow", "near"), ("arrow", "far")}
-
-
-def test_broad_phase_follows_the_guess():
-    m = turning_move(elements=4, height=3)
-    avoid = avoiding(m, obstacles=FAR, broad_phase=2.0)
-    m.move.y.set_values(dict.fromkeys(m.move.time, 19.0), skip_validation=True)
-    m.move.y.unfix()
-    avoid.initialize()
-    assert {second for _, second, _ in avoid.separations} == {"far"}
-    m.move.y.set_values(dict.fromkeys(m.move.time, 100.0), skip_validation=True)
-    avoid.initialize()
-    assert len(avoid.separations) == len(avoid.first_shape) == len(avoid.normal) == 0
 
 
 @pytest.mark.executable
@@ -169,18 +143,3 @@ def test_sides_never_flip_along_time(height, elements):
     assert np.linalg.norm(normals, axis=1) == pytest.approx(1.0)
     # A quarter turn at a time at most, up to the tilt that breaks ties.
     assert (normals[1:] * normals[:-1]).sum(axis=1).min() > -0.3
-
-
-@pytest.mark.executable
-@pytest.mark.parametrize("side", [(0, 1), (0, -1)])
-@pytest.mark.parametrize("named", [("arrow", "wall"), ("wall", "arrow")])
-def test_the_user_says_where_to_pass(side, named):
-    m = turning_move(height=0, elements=12)
-    box = rcp.Polytope.box(0.8, 2, center=(2, 0.1 * side[1]))
-    avoid = avoiding(m, obstacles={"wall": box}, between=None)
-    toward = side if named == ("arrow", "wall") else (-side[0], -side[1])
-    avoid.initialize(directions={named: toward})
-    solve_once(m)
-    middle = min(m.move.time, key=lambda t: abs(m.move.x[t].value - 2))
-    assert m.move.y[middle].value * side[1] > 0.5
-    assert placed(m.move, middle).numbers()[1][1] * side[1] > 0.5

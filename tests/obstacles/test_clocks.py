@@ -1,6 +1,5 @@
 """A moving obstacle runs on the time of the plan; what runs on another clock is refused or told."""
 
-import logging
 from typing import Any
 
 import pyomo.environ as pyo
@@ -69,11 +68,6 @@ def test_in_a_pose_t_is_the_time(horizon: str) -> None:
     first, second = (crossing(m.drive, truck, name) for truck, name in ((by_index, "one"), (by_time, "two")))
     assert rows(first) == rows(second) != []
     assert str(first.verify()) == str(second.verify()).replace("two", "one")
-
-
-def test_a_body_of_the_plan_may_go_by_the_part_of_the_phase_that_has_passed() -> None:
-    m = drive(**FREE)
-    crossing(m.drive, None, bodies={"arm": rcp.Body(BOX, lambda b, t: rcp.planar_pose(5, (t - b.start) / b.duration))})
 
 
 @pytest.mark.parametrize("horizon", NORMALISED)
@@ -199,12 +193,6 @@ def test_an_obstacle_of_the_later_phase_alone_is_told(caplog: pytest.LogCaptureF
     assert "its time starts anew at 0, and 'truck' moves with it" in caplog.text
 
 
-def test_what_rests_or_is_moved_by_the_plan_has_no_clock(caplog: pytest.LogCaptureFixture) -> None:
-    m = two_legs(lambda m: {}, truck=None)
-    check_clocks(avoidance_blocks(m))
-    assert not [record for record in caplog.records if record.levelno >= logging.WARNING]
-
-
 @pytest.mark.ipopt
 def test_solve_refuses_before_anything_is_solved() -> None:
     m = two_legs(lambda m: {})
@@ -251,10 +239,3 @@ def test_a_start_that_nothing_ties_to_the_phase_before_is_told(caplog: pytest.Lo
     m.after = pyo.Constraint(expr=m.second.start == 3.0)
     check_clocks(avoidance_blocks(m))
     assert "ties" not in caplog.text
-
-
-def test_rows_of_single_points_run_on_the_same_clock() -> None:
-    m = drive(**FREE)
-    trucks = (by_index, "one"), (by_time, "two")
-    first, second = (crossing(m.drive, truck, name, between=None) for truck, name in trucks)
-    assert rows(first) == rows(second) != []

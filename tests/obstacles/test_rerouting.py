@@ -4,7 +4,6 @@ from itertools import pairwise
 
 import numpy as np
 import pyomo.environ as pyo
-import pytest
 from harness.scenes import through_a_wall, wall_with_opening
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -104,13 +103,3 @@ def test_a_guess_that_leads_nowhere_is_left_alone() -> None:
     before = [m.move.y[t].value for t in m.move.time]
     assert reroute(m.move.avoid) == []
     assert [m.move.y[t].value for t in m.move.time] == before
-
-
-@pytest.mark.casadi
-def test_a_plan_starts_from_a_rerouted_guess() -> None:
-    m = through_a_wall()
-    m.effort = pyo.Objective(expr=m.move.integral(lambda b, t: b.x_rate[t] ** 2 + b.y_rate[t] ** 2))
-    reroute(m.move.avoid)
-    result = rcp.solve(m, progress=False)
-    assert result.safe
-    assert len([round for planned in result.rounds if planned.purpose == "from the initial guess"]) == 1

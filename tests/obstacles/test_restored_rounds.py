@@ -49,13 +49,6 @@ def test_poses_between_nodes_are_not_judged_when_a_round_is_restored() -> None:
     block.initialize()
 
 
-def test_poses_at_the_nodes_are_judged_as_before() -> None:
-    m = flight()
-    m.fly.qz[0.0] = 0.5
-    with pytest.raises(ObstacleError, match="differs from the identity"):
-        m.fly.avoid.initialize()
-
-
 @pytest.mark.ipopt
 def test_a_start_that_cannot_be_made_does_not_lose_the_rounds_before(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture

@@ -14,22 +14,16 @@ from pyrobocop_pyomo.errors import ModelError
 
 POSES: dict[str, tuple[Any, list[str]]] = {
     "np.cos of a state": (lambda b, t: rcp.planar_pose(np.cos(b.theta[t]), 0), ["np.cos", "pyo.cos"]),
-    "math.cos of a state": (lambda b, t: rcp.planar_pose(math.cos(b.theta[t]), 0), ["math.cos", "pyo.cos"]),
     "float of a state": (lambda b, t: rcp.planar_pose(float(b.x[t]), 0), ["float()", "Pyomo's functions"]),
-    "math.cos of t": (lambda b, t: rcp.planar_pose(b.x[t] + math.cos(t), 0), ["math.cos", "pyo.cos"]),
     "one argument too few": (lambda t: rcp.planar_pose(t, 0), ["rule(b, t)", "lambda b, t", "phase 'move'"]),
-    "one argument too many": (lambda m, b, t: rcp.planar_pose(t, 0), ["rule(b, t)", "lambda b, t"]),
     "no index": (lambda b, t: rcp.planar_pose(b.x, b.y[t]), ["index missing", "[t]"]),
     "called, not indexed": (lambda b, t: rcp.planar_pose(b.x(t), 0), ["[t]"]),
     "a tuple": (lambda b, t: (b.x[t], b.y[t], b.theta[t]), ["a tuple", "planar_pose"]),
     "no return": (lambda b, t: None, ["return statement", "planar_pose"]),
     "planar_pose itself": (rcp.planar_pose, ["first argument", "b.x[t]"]),
     "a name that does not exist": (lambda b, t: rcp.planar_pose(b.X[t], 0), ["'X'", "phase 'move'", "first argument"]),
-    "a name that is nearly one": (lambda b, t: rcp.planar_pose(b.thetta[t], 0), ["Did you mean 'theta'"]),
     "the value of a state": (lambda b, t: rcp.planar_pose(pyo.value(b.x[t]), 0), ["pyo.value"]),
-    "the value of t": (lambda b, t: rcp.planar_pose(b.x[t] + pyo.value(t), 0), ["pyo.value"]),
     "a pose in space": (lambda b, t: rcp.spatial_pose((b.x[t], b.y[t], 0)), ["dimension"]),
-    "a question": (lambda b, t: rcp.planar_pose(max(b.x[t], 0.5), 0), ["'if'", "min, max"]),
 }
 
 
@@ -123,13 +117,3 @@ OUTLINE = [(0, 0), (1, 0), (1, 1)]
 )
 def test_in_a_scene(options: Any, words: list[str]) -> None:
     says(words, stated(**options))
-
-
-def test_other_errors_of_a_rule_are_the_users_own() -> None:
-    m = turning_move(elements=2)
-
-    def broken(b: Any, t: Any) -> Any:
-        raise RuntimeError("mine")
-
-    with pytest.raises(RuntimeError, match="mine"):
-        m.move.ode(broken)

@@ -153,14 +153,6 @@ def test_straight_lines(initial: Any, final: Any, line: tuple[float, float]) -> 
     assert set(values(b.u)) == {5.0}
 
 
-def test_a_state_that_the_user_fixed_counts_as_known() -> None:
-    b = phase(x=rcp.State())
-    b.x[b.time.first()].fix(2.0)
-    b.x[b.time.last()].fix(4.0)
-    b.initialize_straight_lines()
-    assert values(b.x) == pytest.approx([2 + 2 * t for t in b.time])
-
-
 @pytest.mark.parametrize(
     ("guess", "message"),
     [

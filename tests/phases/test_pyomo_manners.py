@@ -1,7 +1,5 @@
-"""What users of Pyomo do with any model works with phases: slices, labels, reports, suffixes, scaling, explanations."""
+"""What users of Pyomo do with any model works with phases: slices, labels, sizes, suffixes, scaling."""
 
-import io
-import logging
 import math
 import pickle
 from pathlib import Path
@@ -9,13 +7,8 @@ from typing import Any
 
 import pyomo.environ as pyo
 import pytest
-from harness.checked import timing_report
-from harness.phases import contents, exact_x, integrator, one_phase, oscillate, rows, solve
-from pyomo.contrib.iis.mis import compute_infeasibility_explanation
-from pyomo.contrib.solver.common.factory import SolverFactory as NewSolverFactory
+from harness.phases import contents, exact_x, one_phase, oscillate, rows, solve
 from pyomo.core.expr.visitor import identify_variables
-from pyomo.util.infeasible import log_infeasible_bounds, log_infeasible_constraints
-from pyomo.util.model_size import build_model_size_report
 
 import pyrobocop_pyomo as rcp
 
@@ -62,19 +55,6 @@ def scaled_by(m: pyo.ConcreteModel, factors: list[tuple[Any, float]], **options:
     return SCALE.create_using(m, **options)
 
 
-def test_timing_names_our_components_and_our_transformation() -> None:
-    text = timing_report(relaxed)
-    for line in (
-        f"construct Var phase.x; {POINTS + 1} indices",
-        f"construct Constraint legs[b].x_collocation; {POINTS} indices",
-        f"construct Complementarity phase.stop; {POINTS} indices",
-        "construct Block phase; 1 index",
-        "construct Block legs; 2 indices",
-        "apply Transformation RelaxComplementarity (in-place)",
-    ):
-        assert line in text
-
-
 def test_slices_reach_through_phases() -> None:
     m = robot()
     assert len(list(m.phase.x[:])) == POINTS + 1
@@ -104,80 +84,6 @@ def test_symbolic_labels_are_readable(suffix: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.casadi
-@pytest.mark.parametrize("factory", [pyo.SolverFactory, NewSolverFactory], ids=["legacy", "new"])
-@pytest.mark.parametrize(
-    "solver", ["pyrobocop.ipopt", pytest.param("ipopt", marks=pytest.mark.executable)]
-)  # fmt: skip
-def test_both_interfaces_solve_with_symbolic_labels(factory: Any, solver: str) -> None:
-    m = relaxed()
-    factory(solver).solve(m, symbolic_solver_labels=True)
-    assert pyo.value(m.phase.x[1.0]) == 1
-    assert m.phase.trajectory().verify().equations < 1e-6
-    assert m.phase.trajectory().verify().defect < 1e-6
-
-
-def test_model_size_counts_every_variable_once() -> None:
-    per_phase = 2 * (POINTS + 1) + POINTS + ELEMENTS + (ELEMENTS + 1) + 1
-    report = build_model_size_report(robot())
-    assert report.activated.constraints == 3 * 2 * POINTS
-    assert report.overall.variables == 3 * per_phase
-    # Fixed ends are no variables there; one seen at many points is one.
-    assert report.activated.continuous_variables == 3 * (per_phase - 3)
-
-
-def test_infeasible_rows_and_bounds_are_logged_by_name() -> None:
-    text = io.StringIO()
-    logger = logging.Logger("infeasible", level=logging.DEBUG)
-    logger.addHandler(logging.StreamHandler(text))
-    m = robot()
-    m.phase.z[1.0].set_value(-1)
-    log_infeasible_constraints(m, logger=logger, log_expression=True, log_variables=True)
-    log_infeasible_bounds(m, logger=logger)
-    assert "CONSTR phase.x_collocation[1.0]" in text.getvalue()
-    assert "VAR phase.x[1.0]: 1.0" in text.getvalue()
-    assert "VAR phase.z[1.0]: -1" in text.getvalue()
-
-
-def test_pprint_and_display_show_everything() -> None:
-    m = robot()
-    for part in (m, m.phase, m.legs, m.legs["a"]):
-        printed, displayed = io.StringIO(), io.StringIO()
-        part.pprint(ostream=printed)
-        part.display(ostream=displayed)
-        for text in (printed.getvalue(), displayed.getvalue()):
-            assert "x_collocation" in text
-            assert "u_per_element" in text
-        assert "stop" in printed.getvalue()
-
-
-@pytest.mark.executable
-def test_suffixes_on_a_phase_and_on_the_model_reach_its_rows() -> None:
-    m = relaxed()
-    m.dual = pyo.Suffix(direction=pyo.Suffix.IMPORT)
-    m.phase.ipopt_zL_out = pyo.Suffix(direction=pyo.Suffix.IMPORT)
-    pyo.SolverFactory("ipopt").solve(m)
-    rows = list(m.phase.x_collocation.values())
-    assert all(row in m.dual for row in rows)
-    assert max(abs(m.dual[row]) for row in rows) > 0.1
-
-
-@pytest.mark.casadi
-@pytest.mark.parametrize("rename", [True, False])
-def test_a_scaled_model_has_the_same_solution(rename: bool) -> None:
-    expected, m = relaxed(), relaxed()
-    solver = pyo.SolverFactory("pyrobocop.ipopt")
-    solver.solve(expected, options={"tol": 1e-10})
-    b, z = m.phase, m.legs["a"].z
-    factors = [(b.x, 0.1), (b.u_per_element, 0.01), (b.x_collocation, 10), (z, 5), (m.cost, 0.01)]
-    scaled = scaled_by(m, factors, rename=rename)
-    solver.solve(scaled, options={"tol": 1e-10})
-    SCALE.propagate_solution(scaled, m)
-    assert pyo.value(m.cost) == pytest.approx(pyo.value(expected.cost), rel=1e-5)
-    assert m.phase.trajectory().x == pytest.approx(expected.phase.trajectory().x, abs=1e-4)
-    assert m.phase.trajectory().verify().defect < 1e-6
-
-
-@pytest.mark.casadi
 @pytest.mark.parametrize("rename", [True, False])
 def test_a_scaled_model_can_be_given_to_solve_and_its_values_back_to_the_model(rename: bool) -> None:
     m = relaxed()
@@ -189,14 +95,6 @@ def test_a_scaled_model_can_be_given_to_solve_and_its_values_back_to_the_model(r
         scaled.phase.trajectory()
     SCALE.propagate_solution(scaled, m)
     assert m.phase.trajectory().x[-1] == pytest.approx(1.0)
-
-
-@pytest.mark.casadi
-def test_a_scaled_and_renamed_phase_may_have_a_free_duration() -> None:
-    duration = rcp.Duration(bounds=(0.1, 10), initial_guess=1)
-    m, b = integrator(x={"initial": 0, "final": 1}, u={"bounds": (-1, 1)}, duration=duration, elements=4)
-    m.time_taken = pyo.Objective(expr=b.duration)
-    assert rcp.solve(scaled_by(m, [(b.x, 100)])).objective == pytest.approx(1.0)
 
 
 @pytest.mark.casadi
@@ -222,19 +120,6 @@ def test_a_deactivated_phase_is_neither_solved_nor_counted() -> None:
     assert f"{POINTS} pairs:" in " ".join(whole)
     rcp.solve(m).raise_for_status()
     assert [v.value for phase in m.legs.values() for v in phase.x.values()] == before
-
-
-@pytest.mark.casadi
-def test_pyomo_explains_an_infeasible_phase_by_name() -> None:
-    m, _ = integrator(x={"initial": 0, "final": 5}, u={"bounds": (0, 1)}, stages=1)
-    m.nothing = pyo.Objective(expr=0)
-    text = io.StringIO()
-    logger = logging.Logger("explanation", level=logging.INFO)
-    logger.addHandler(logging.StreamHandler(text))
-    compute_infeasibility_explanation(m, solver=pyo.SolverFactory("pyrobocop.ipopt"), logger=logger)
-    minimal = text.getvalue().partition("Constraints / bounds in MIS:")[2]
-    assert "ub of var p.u[1.0]" in minimal
-    assert "constraint: p.x_collocation[1.0]" in minimal
 
 
 # --------------------------------------------------------------------

@@ -1,6 +1,5 @@
 """Units: where they are given, the transcribed rows are consistent, and a wrong one shows."""
 
-import pickle
 from typing import Any
 
 import pyomo.environ as pyo
@@ -51,20 +50,6 @@ def test_transcribed_rows_and_integrals_are_consistent(horizon: str, scheme: str
     assert_units_equivalent(m.work.expr, U.J)
     assert_units_equivalent(m.p.time_at(0.5), U.s)
     assert rcp.diagnose(m).errors == []
-
-
-@pytest.mark.parametrize("horizon", HORIZONS)
-def test_units_survive_clone_and_pickle(horizon: str) -> None:
-    m = cart(**HORIZONS[horizon])
-    for copy in (m.clone(), pickle.loads(pickle.dumps(m))):
-        assert_units_consistent(copy)
-        assert copy.p.record.time_units is not None
-
-
-def test_without_time_units_a_rate_in_metres_per_second_is_refused_by_pyomo() -> None:
-    m = cart(duration=2, time_units=None)
-    with pytest.raises(UnitsError):
-        assert_units_consistent(m.p.x_collocation)
 
 
 @pytest.mark.ipopt

@@ -10,7 +10,6 @@ from mechanism_pictures import draw_linkage, draw_planar_pushing
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import TrajectoryError
-from pyrobocop_pyomo.plotting import plot_signals
 from pyrobocop_pyomo.plotting.figures import evenly_moved
 
 pytest.importorskip("matplotlib")
@@ -69,12 +68,6 @@ def test_an_unknown_or_an_empty_choice_is_refused() -> None:
         trajectory(1).plot([])
 
 
-def test_signals_can_be_drawn_without_a_trajectory() -> None:
-    time = np.linspace(0, 1, 5)
-    figure = plot_signals("mine", time, {"a": time}, {"a": (time, time)}, set())
-    assert len(figure.axes) == 1
-
-
 # --------------------------------------------------------------------
 # Pictures of results: what is drawn where, and refusals.
 
@@ -122,10 +115,6 @@ def test_snapshots_follow_motion_not_time() -> None:
     place = np.concatenate([np.zeros(90), np.linspace(0, 1, 11)])
     chosen = evenly_moved(np.stack([place, 0 * place], axis=-1)[:, None, :], snapshots=6)
     assert place[chosen] == pytest.approx([0, 0.2, 0.4, 0.6, 0.8, 1.0])
-
-
-def test_what_never_moves_is_drawn_at_its_start_and_end() -> None:
-    assert evenly_moved(np.zeros((20, 3, 2)), snapshots=8).tolist() == [0, 19]
 
 
 def test_a_given_figure_is_drawn_onto() -> None:

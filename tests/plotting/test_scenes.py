@@ -68,13 +68,6 @@ def test_a_given_view_is_kept() -> None:
     assert (*axis.get_xlim(), *axis.get_ylim()) == (-3, 9, -2, 6)
 
 
-def test_the_parts_of_a_body_move_together() -> None:
-    parts = [rcp.Polytope.capsule((0, 0), (1, 0), 0.1), rcp.Polytope.capsule((0, 0), (0, 1), 0.1)]
-    body = rcp.scenes.BodyPath.planar(parts, TIME, 0 * TIME, TIME)
-    axis = rcp.scenes.draw_scene(TIME, [body], snapshots=3).axes[0]
-    assert len(axis.patches) == 6
-
-
 def test_a_scene_in_space_has_all_faces_and_equal_scales() -> None:
     figure = rcp.scenes.draw_scene(TIME, [quadrotor()], [rcp.Polytope.box(0.1, 2, 1)], snapshots=3, title="flight")
     axis = figure.axes[0]

@@ -84,14 +84,3 @@ def test_an_ellipse_stays_inside_and_turns_to_pass() -> None:
     at = m.move.trajectory()(np.linspace(0.0, 4.0, 121))
     high = at["y"] + np.hypot(0.6 * np.sin(at["theta"]), 0.2 * np.cos(at["theta"]))
     assert high.max() <= 1.2 + 1e-6
-
-
-def test_what_is_round_is_no_region() -> None:
-    m = turning_body("xy", body=ellipsoid((0.6, 0.2)), obstacles={"rock": ellipsoid((0.5, 0.8), (2.0, 0.1))})
-    with pytest.raises(rcp.errors.ObstacleError, match="has no half-spaces"):
-        m.move.inside = rcp.Containment(
-            m.move.time,
-            body=ellipsoid((0.6, 0.2)),
-            pose=lambda b, t: rcp.planar_pose(b.x[t], b.y[t]),
-            region=ellipsoid((9.0, 9.0)),
-        )

@@ -16,7 +16,7 @@ import pyomo.environ as pyo
 import pytest
 from harness.checked import solution
 from harness.expression_zoo import cart_pole
-from harness.observed_runs import interrupt_run, observe_options
+from harness.observed_runs import interrupt_run
 from harness.phases import one_phase
 from harness.routes import every_backend
 from harness.timed_models import belt_drive, crossed_pairs, example
@@ -287,14 +287,6 @@ def test_a_failed_polish_keeps_the_better_point_before_it(elements: int, duratio
     assert polished.objective <= rough.objective + 1e-4 * abs(rough.objective)
 
 
-@pytest.mark.asl
-@pytest.mark.slow
-def test_the_belt_drive_is_optimal_after_the_whole_procedure() -> None:
-    result = solve(belt_drive(10, 3.0), backend="asl", time_limit=60.0)
-    assert result.quality is rcp.Quality.OPTIMAL, str(result)
-    assert result.objective <= 58.785
-
-
 @pytest.mark.casadi
 @pytest.mark.parametrize("paired", [True, False], ids=["paired", "plain"])
 @pytest.mark.parametrize("name", ["steep tanh", "tanh out of range"])
@@ -338,15 +330,6 @@ def test_an_error_of_other_code_leaves_the_best_point_on_the_model(error: Except
         solve(model, strategies=[LOOSE, rcp.Strategy("broken", Broken(error))])
     (cost,) = model.component_data_objects(pyo.Objective)
     assert pyo.value(cost) == pytest.approx(first.objective)
-
-
-@pytest.mark.executable
-@pytest.mark.parametrize("name", ["bard1", "crossed qpec 2x4"])
-def test_the_tolerance_is_the_users_on_the_executables_path(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    seen = observe_options(monkeypatch)
-    result = solve(mpcc_problem(name).build(), strategies="barrier", backend="executable", options={"tol": 1e-9})
-    assert {options["tol"] for options in seen} == {1e-9}
-    assert {step.options["tol"] for step in result.steps if step.status is not None} == {1e-9}
 
 
 @pytest.mark.executable

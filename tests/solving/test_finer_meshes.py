@@ -1,6 +1,5 @@
 """`solve` refines a mesh that makes too large an error, and keeps what the model states."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -141,75 +140,6 @@ def test_a_wrong_tolerance_is_refused(wrong: Any) -> None:
         rcp.solve(forced(), mesh_tolerance=wrong)
 
 
-def braked(elements: int) -> Any:
-    """Three carts in a loop, each below a limit of its own."""
-    m, b = one_phase("b", model="braked", duration=6.0, elements=elements)
-    b.x, b.v, b.u = rcp.State(index=3, initial=0), rcp.State(index=3, initial=2, final=0), rcp.Control(index=3)
-    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] - b.v[t] ** 3})
-    for i, limit in enumerate((0.05, 0.08, 0.1)):
-        b.constraint(lambda b, t: b.u[i, t] <= limit, name=f"limit_{i}")  # noqa: B023
-    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] @ b.u[t] + b.x[t] @ b.x[t]))
-    return m
-
-
-def test_limits_of_a_loop_are_those_of_the_loop_on_any_mesh() -> None:
-    m, fine = braked(5), braked(60)
-    result, exact = rcp.solve(m), rcp.solve(fine, mesh_tolerance=None)
-    assert result.solved
-    assert m.b.grid.mesh.elements > 5
-    assert result.objective == pytest.approx(exact.objective, rel=2e-3)
-    for i, limit in enumerate((0.05, 0.08, 0.1)):
-        assert max(m.b.u[i, t].value for t in m.b.points) == pytest.approx(limit, abs=1e-6)
-
-
-def _own_limit(m: Any) -> None:
-    m.culprit = pyo.Constraint(m.b.points, rule=lambda m, t: m.b.u[0, t] >= -9)
-
-
-def _own_row(m: Any) -> None:
-    inside = [t for t in m.b.points if t not in m.b.grid.mesh.boundaries][2]
-    m.culprit = pyo.Constraint(expr=m.b.x[0, inside] <= 10.0)
-
-
-def _own_ramp(m: Any) -> None:
-    points = list(m.b.points)
-    m.culprit = pyo.Constraint(
-        range(1, len(points)), rule=lambda m, k: m.b.u[0, points[k]] - m.b.u[0, points[k - 1]] <= 9
-    )
-
-
-def _other_row(m: Any) -> None:
-    m.b.constraint(lambda b, t: b.u[0, t] <= 9, name="culprit")
-    m.b.culprit[m.b.points.last()].set_value(m.b.u[0, m.b.points.last()] <= 8)
-
-
-@pytest.mark.parametrize("add", [_own_limit, _own_row, _own_ramp, _other_row])
-def test_the_first_lines_say_what_keeps_a_coarse_mesh(add: Callable[[Any], None]) -> None:
-    m = braked(5)
-    add(m)
-    result = rcp.solve(m)
-    assert m.b.grid.mesh.elements == 5
-    assert any("The mesh stays as it is" in line and "culprit" in line for line in str(result).splitlines()[:4])
-
-
-def test_boundary_layers_take_less_than_half_of_a_uniform_mesh() -> None:
-    """Layers of width one at both ends of a long, dull horizon."""
-
-    def layers(elements: int) -> Any:
-        m, b = one_phase(duration=50.0, elements=elements, x=rcp.State(initial=1, final=1.5), u=rcp.Control())
-        b.ode(lambda b, t: {b.x: b.u[t] - b.x[t] ** 3})
-        m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.x[t] ** 2 + b.u[t] ** 2))
-        return m
-
-    refined = layers(10)
-    rcp.solve(refined, mesh_tolerance=1e-6).raise_for_status()
-    error = refined.p.trajectory().verify().element_error
-    assert error <= 1.5e-5
-    uniform = layers(2 * refined.p.grid.mesh.elements)
-    rcp.solve(uniform, mesh_tolerance=None).raise_for_status()
-    assert uniform.p.trajectory().verify().element_error > error
-
-
 def test_a_boundary_moves_to_where_a_control_switches() -> None:
     """Faster up than down: the switch is after a third of the square root of three."""
     m = rest_to_rest(force=(-1, 2), elements=4)
@@ -231,3 +161,12 @@ def test_a_better_objective_of_a_motion_that_is_none_is_not_kept() -> None:
     result = rcp.solve(m, mesh_tolerance=1e-4)
     assert "the first answer, 0." in str(result.remarks)  # ten elements, whose motion is wrong by a quarter
     assert result.objective == pytest.approx(1.003475, rel=2e-3)
+
+
+def test_the_first_lines_say_what_keeps_a_coarse_mesh() -> None:
+    m = forced()
+    inside = [t for t in m.p.points if t not in m.p.grid.mesh.boundaries][2]
+    m.culprit = pyo.Constraint(expr=m.p.x[inside] <= 10.0)
+    result = rcp.solve(m)
+    assert m.p.grid.mesh.elements == 4
+    assert any("The mesh stays as it is" in line and "culprit" in line for line in str(result).splitlines()[:4])

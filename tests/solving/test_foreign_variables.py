@@ -115,14 +115,3 @@ def test_a_part_that_is_assigned_to_the_model_later_may_read_it() -> None:
     b.ode(lambda b, t: {b.z: m.mass})
     m.part = part
     assert b.model() is m
-
-
-def test_abstract_models_read_their_own() -> None:
-    def state(b: Any) -> None:
-        b.x, b.v = rcp.State(initial=0), rcp.Control()
-        b.ode(lambda b, t: {b.x: b.v[t] * b.model().mass})
-
-    abstract = pyo.AbstractModel()
-    abstract.mass = pyo.Var(initialize=1.0)
-    abstract.go = rcp.PhaseBlock(duration=1.0, elements=2, rule=state)
-    assert abstract.create_instance().go.x[0.5].value == 0.0

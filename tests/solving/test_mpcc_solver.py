@@ -9,9 +9,7 @@ import sys
 import pyomo.environ as pyo
 import pytest
 from harness.checked import unchanged
-from harness.dae import driven_tank
 from harness.routes import every_backend
-from harness.small_problems import maximisation
 from pyomo.contrib.solver.common.factory import SolverFactory
 from pyomo.contrib.solver.common.results import SolutionStatus, TerminationCondition
 from pyomo.contrib.solver.common.util import NoOptimalSolutionError, NoSolutionError
@@ -22,7 +20,6 @@ from pyrobocop_pyomo.errors import KeywordError
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
 from pyrobocop_pyomo.planning.solve import RETIRED_WORDS
-from pyrobocop_pyomo.solving import SolveResult
 
 pytestmark = pytest.mark.casadi
 ITERATION_LIMIT = {"max_iter": 1}
@@ -202,18 +199,6 @@ def test_options_reach_ipopt():
     assert limited.solve(m).solver.termination_condition == pyo.TerminationCondition.maxIterations
 
 
-def test_the_error_of_the_mesh_is_estimated_when_the_message_is_read(monkeypatch):
-    """It takes as long as a short solve."""
-    estimates, errors = [], SolveResult.errors_of_answer
-    monkeypatch.setattr(SolveResult, "errors_of_answer", property(lambda of: estimates.append(of) or errors.fget(of)))
-    for results in (solver().solve(two_corners()), legacy().solve(two_corners())):
-        assert not estimates
-        message = results.solver.message if hasattr(results, "solver") else results.extra_info.solver_message
-        assert "ran to its end" in str(message)
-        assert estimates
-        estimates.clear()
-
-
 def test_the_log_goes_to_the_streams_that_are_given_and_nowhere_else(capfd):
     stream = io.StringIO()
     solver().solve(two_corners(), tee=[stream])
@@ -270,13 +255,6 @@ def test_models_of_pyomo_mpec_are_solved_as_they_are():
     assert (m.x.value, m.y.value) == (pytest.approx(2.0, abs=1e-6), 0.0)
     assert (m.z.value, m.price.value) == (pytest.approx(1.0, abs=1e-6), pytest.approx(-2.0, abs=1e-6))
     assert isinstance(m.pair, Complementarity)
-
-
-def test_a_model_without_pairs_and_one_that_is_maximised():
-    m, largest = maximisation()
-    results = legacy().solve(m)
-    pyo.assert_optimal_termination(results)
-    assert results.problem.lower_bound == pytest.approx(largest, abs=1e-6)
 
 
 def test_a_block_of_a_model_is_solved_alone():
@@ -338,20 +316,3 @@ def test_options_of_the_command_go_where_they_belong():
     assert solver.config.strategies == "barrier"
     assert solver.config.time_limit == 7
     assert solver.config.solver_options.value() == {"tol": 1e-9, "linear_solver": "mumps"}
-
-
-def test_solution_of_a_discretised_model():
-    """Every variable has a value at every point; where one has none, Pyomo could not write any."""
-    m = driven_tank((0, 1), initialize=0)
-    m.cost = pyo.Objective(expr=m.x[1] ** 2)
-    pyo.TransformationFactory("pyrobocop.collocation").apply_to(m, nfe=2)
-    results = pyo.SolverFactory("pyrobocop.mpcc").solve(m)
-    pyo.assert_optimal_termination(results)
-    m.solutions.store_to(results)
-    written = results.solution.variable
-    assert written["u[0]"]["Value"] == m.u[0].value
-    assert len(written) == len(m.x) + len(m.u)
-    m.unused = pyo.Var()
-    results = pyo.SolverFactory("pyrobocop.mpcc").solve(m)
-    m.solutions.store_to(results)
-    assert len(results.solution) == 0

@@ -144,26 +144,6 @@ def test_the_caller_may_allow_more_iterations_but_not_to_starts_that_only_explor
     assert options.resolve({"max_iter": 100})["max_iter"] == 10
 
 
-def test_a_start_that_leads_nowhere_leaves_enough_for_the_next_one() -> None:
-    """A pendulum swings to the other side by a seventh of the effort, which the second start finds."""
-    m = pyo.ConcreteModel(name="pendulum as a multibody system")
-    m.swing = b = rcp.PhaseBlock(duration=3, elements=10)
-    b.r = rcp.State(index=2, initial=[1, 0], final=[0, None])
-    b.v = rcp.State(index=2, initial=0, final=[0, None])
-    b.tension, b.u = rcp.Algebraic(), rcp.Control()
-
-    @b.ode
-    def swing(b: Any, t: Any) -> Any:
-        (x, y), tension, u = b.r[t], b.tension[t], b.u[t]
-        return {b.r: b.v[t], b.v: [-2 * tension * x + u * y, -9.81 - 2 * tension * y - u * x]}
-
-    b.residual(lambda b, t: b.v[t] @ b.v[t] - 2 * b.tension[t] - 9.81 * b.r[1, t] == 0)
-    m.effort = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
-    result = rcp.solve(m)
-    assert result.strategy == "finer mesh"
-    assert result.objective == pytest.approx(12.8739, rel=1e-3)
-
-
 def test_where_the_guess_is_in_the_way_a_start_from_its_side_follows_soon() -> None:
     result = solution(past_a_disc())
     assert result.objective == pytest.approx(4.0, rel=1e-4)

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.observed_runs import interrupt_run
 from harness.phases import one_phase
 from known_mpccs.random_families import FAMILIES, random_problems
 from mpcc_catalogue.point_check import PointCheck
@@ -16,7 +15,6 @@ from mpcc_catalogue.point_check import PointCheck
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.solving import procedure
-from pyrobocop_pyomo.solving.iterates import StopReason
 from pyrobocop_pyomo.solving.strategies import BARRIER, STRATEGIES, StartingPoint
 
 pytestmark = pytest.mark.casadi
@@ -82,16 +80,6 @@ def test_more_exploration_is_never_worse_and_repeats_itself(family: str) -> None
 def test_strategies_that_are_chosen_are_all_that_runs() -> None:
     result = solve(two_wells(), strategies=rcp.Strategy("barrier", exploration=float("inf")))
     assert not any("random start" in remark for remark in result.remarks)
-
-
-def test_ctrl_c_on_another_way_keeps_the_certified_point(monkeypatch: pytest.MonkeyPatch) -> None:
-    before = solve(two_wells(), strategies=rcp.Strategy(exploration=0))
-    runs = sum(step.status is not None for step in before.steps)
-    model = two_wells()
-    interrupt_run(monkeypatch, runs + 2)
-    result = solve(model)
-    assert result.stop_reason is StopReason.INTERRUPTED
-    assert pyo.value(next(model.component_data_objects(pyo.Objective))) <= before.objective + 1e-6
 
 
 @pytest.mark.parametrize(("others", "seed"), [(STRATEGIES[1:], 100), ((), 101)], ids=["others", "none"])

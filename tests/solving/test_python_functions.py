@@ -74,24 +74,6 @@ def test_sides_of_pairs_may_call_functions() -> None:
     assert first.certificate is second.certificate
 
 
-def test_a_persistent_solve_reads_numbers_again_and_notices_structure() -> None:
-    m = pyo.ConcreteModel()
-    m.x, m.y = pyo.Var(initialize=1.0), pyo.Var(initialize=1.0)
-    m.goal = pyo.Param(initialize=2.0, mutable=True)
-    m.row = pyo.Constraint(expr=LOGARITHM(m.x * m.goal) + m.y == 1.0)
-    m.cost = pyo.Objective(expr=(m.x - m.goal) ** 2 + m.y**2)
-    nlp = rcp.studies.PersistentNLP(m)
-    for goal in (2.0, 1.5):
-        m.goal = goal
-        assert nlp.solve().status.solved
-        assert pyo.value(m.row.body) == pytest.approx(1.0, abs=1e-8)
-    assert nlp.preparations == 1
-    m.y.fix(0.25)
-    assert nlp.solve().status.solved
-    assert m.x.value == pytest.approx(np.exp(0.75) / 1.5, abs=1e-7)
-    assert nlp.preparations == 2
-
-
 def test_a_function_outside_of_its_domain_shortens_the_step_and_is_named_at_the_first_point(caplog) -> None:
     m = pyo.ConcreteModel()
     m.x = pyo.Var(initialize=3.0)

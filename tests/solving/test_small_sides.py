@@ -83,39 +83,6 @@ def test_a_side_that_bounds_keep_below_the_tolerance_is_small_and_not_zero(power
     assert not sizes.too_small(sliding, 1e-6).any()
 
 
-def strip(unit: float, count: int = 6):
-    """A string over a floor, its heights in small units: each height and each force of the floor are a pair."""
-    m = pyo.ConcreteModel(name="strip")
-    places = range(count + 2)
-    m.height = pyo.Var(places, bounds=(0, None), initialize=unit)
-    m.force = pyo.Var(range(1, count + 1), bounds=(0, None), initialize=1.0)
-    m.push = pyo.Var(bounds=(0, 10), initialize=1.0)
-    m.height[0].fix(unit)
-    m.height[count + 1].fix(unit)
-
-    @m.Constraint(range(1, count + 1))
-    def balance(m, i):
-        bent = (m.height[i - 1] - 2 * m.height[i] + m.height[i + 1]) / unit
-        return bent - m.push + m.force[i] == 0
-
-    m.touching = rcp.Complementarity(
-        range(1, count + 1), rule=lambda m, i: rcp.complements(m.height[i] >= 0, m.force[i] >= 0)
-    )
-    m.cost = pyo.Objective(expr=sum((m.height[i] / unit - 0.2) ** 2 for i in range(1, count + 1)))
-    return m
-
-
-@pytest.mark.parametrize("unit", [1e-2, 1e-4, 1e-5])
-def test_contact_along_a_line_in_small_units_is_that_in_units_of_one(unit: float):
-    ones, small = strip(1.0), strip(unit)
-    reference, result = rcp.solve(ones), rcp.solve(small)
-    assert reference.solved
-    assert result.largest_natural_residual <= 1e-6 * unit
-    assert result.objective >= reference.objective - 1e-6
-    if result.solved:
-        assert result.objective == pytest.approx(reference.objective, rel=0.05)
-
-
 def test_without_a_polish_a_loose_point_of_small_sides_is_no_solution():
     m = corner(1e-4, 1e-4)
     result = rcp.solve(m, strategies=rcp.Strategy(polish=False))

@@ -224,7 +224,7 @@ def steps_of_ipopt(result: Any) -> list[Any]:
 
 
 def own_path(backend: str, step: Any) -> bool:
-    """Where delta follows mu from outside, ``mu_init`` and ``tol`` are those of one barrier problem."""
+    """Where delta follows mu from outside, ``mu_init`` is that of one barrier problem."""
     return backend == "executable" and step.label.startswith("delta")
 
 
@@ -252,7 +252,7 @@ def check(result: Any, seen: list[Options], backend: str, users: Options = USERS
     assert seen
     assert len(seen) >= len(steps)
     for step in steps:
-        names = [name for name in users if name not in ("mu_init", "tol") or not own_path(backend, step)]
+        names = [name for name in users if name != "mu_init" or not own_path(backend, step)]
         assert as_numbers(step.options, names) == as_numbers(users, names), step.label
     # What is reported is what was used.
     received = [as_numbers(options) for options in seen]

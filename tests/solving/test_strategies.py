@@ -1,7 +1,5 @@
 """The ladder: each strategy alone, the best of all, what is certified, and nothing left behind."""
 
-import signal
-
 import pyomo.environ as pyo
 import pytest
 from harness.checked import solution
@@ -12,11 +10,9 @@ from hypothesis import strategies as st
 from known_mpccs import mpcc_problem, mpcc_problems
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.complementarity import Crossed
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Stationarity
-from pyrobocop_pyomo.solving import in_process_session
 from pyrobocop_pyomo.solving.iterates import Iterate, Tolerances
 from pyrobocop_pyomo.solving.strategies import STRATEGIES as TABLE
 
@@ -203,30 +199,6 @@ def test_nothing_but_values_differs_afterwards(backend: str, strategies: str | N
     assert m.dual[m.limit] == pytest.approx(-1.0, abs=1e-5)  # one more of x is worth 2 (2 - 1.5)
 
 
-@pytest.mark.parametrize("backend", ["asl", "vectorised"])
-@pytest.mark.ctrl_c
-def test_an_interrupted_climb_keeps_the_best_point_and_the_model(backend: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    iterations = []
-
-    def press(record) -> None:
-        iterations.append(record.iteration)
-        if record.iteration == 3 and iterations.count(0) == 2:  # in the second run: one point is there already
-            signal.raise_signal(signal.SIGINT)
-
-    monkeypatch.setattr(in_process_session, "_live_line", lambda *arguments: press)
-    m = mpcc_problem("bard1").build()
-    before = everything(m)
-    result = rcp.solve(m, backend=backend, strategies="continuation")
-    assert result.stop_reason is rcp.StopReason.INTERRUPTED
-    assert [step.status for step in result.steps] == [IpoptStatus.SOLVED, IpoptStatus.INTERRUPTED]
-    assert everything(m) == before
-    assert not result.solved
-    values = {each.name: each for each in result.residuals}
-    assert max(each.product for each in values.values()) == pytest.approx(
-        result.steps[result.best.number].largest_product
-    )
-
-
 @every_backend
 def test_hardly_any_time_gives_the_model_back(backend: str) -> None:
     m = mpcc_problem("membrane 6x6").build()
@@ -271,53 +243,3 @@ def test_crossed_pairs_are_couples_of_different_pairs_of_an_element() -> None:
         relax.apply_to(m, grouping=grouping, lift=True)
         found = [(a.source.index(), b.source.index()) for a, b in relax.crossed_pairs_of(m)]
         assert found == expected
-
-
-def sliding(elements: int) -> pyo.ConcreteModel:
-    """x' = u - sign(x), y' = 1 + sign(x) / 2 from (1, 0) to (0, 4) in minimal time, which is 2.8; pairs in a list."""
-    m = pyo.ConcreteModel(name="sliding")
-    m.phase = b = rcp.PhaseBlock(
-        duration=rcp.Duration(bounds=(0.5, 10), initial_guess=3),
-        elements=elements,
-        stages=2,
-        free_element_widths=(0.2, 3.0),
-    )
-    b.x = rcp.State(initial=1, final=0, initial_guess=lambda t: 1 - t)
-    b.y = rcp.State(initial=0, final=4, initial_guess=lambda t: 4 * t)
-    b.u = rcp.Control(bounds=(-0.5, 0.5), parametrization="piecewise_constant")
-    b.right = rcp.Algebraic(bounds=(0, 1), initial_guess=0.5)
-    b.above, b.below = rcp.Algebraic(bounds=(0, None)), rcp.Algebraic(bounds=(0, None))
-
-    @b.ode
-    def switched(b, t):
-        sign = 2 * b.right[t] - 1
-        return {b.x: b.u[t] - sign, b.y: 1 + 0.5 * sign}
-
-    b.residual(lambda b, t: b.x[t] == b.above[t] - b.below[t], name="parts")
-
-    @b.complementarity
-    def switch(b, t):
-        return [
-            rcp.complements(b.above[t] >= 0, 1 - b.right[t] >= 0),
-            rcp.complements(b.below[t] >= 0, b.right[t] >= 0),
-        ]
-
-    m.time = pyo.Objective(expr=b.duration)
-    return m
-
-
-@pytest.mark.parametrize("left_end", [None, "first"])
-def test_a_list_of_pairs_is_crossed_statement_by_statement(left_end: str | None) -> None:
-    m = sliding(20)
-    grouping = Crossed(left_end=left_end)
-    result = rcp.solve(
-        m, strategies=rcp.Strategy(schedule=rcp.relaxations.Geometric(first=1.0), grouping=grouping), progress=False
-    )
-    assert result.quality is rcp.Quality.OPTIMAL
-    assert result.objective == pytest.approx(2.8, rel=1e-7)
-    b, ends = m.phase, {}
-    for t in b.points:
-        ends.setdefault(b.grid.element_of[t], []).append(t)
-    for times in ends.values():
-        for side, other in ((b.above, lambda t: 1 - b.right[t].value), (b.below, lambda t: b.right[t].value)):
-            assert max(min(side[t].value, other(s)) for t in times for s in times) < 1e-7

@@ -8,8 +8,6 @@ from typing import Any
 import pytest
 from solve_files import main, solve_files
 
-from pyrobocop_pyomo.studies.outcomes import StudyResult
-
 pytestmark = pytest.mark.ipopt
 
 module = importlib.import_module("solve_files")
@@ -22,10 +20,6 @@ OPTIMA = {
     "gauvin": 20.0,  # MacMPEC
     "ralph2": 0.0,  # MacMPEC
 }
-
-
-def objectives(result: StudyResult) -> dict[str, float]:
-    return {outcome.name: outcome.numbers["checked"] for outcome in result}
 
 
 def folder_with(names: list[str], folder: Path) -> Path:
@@ -53,14 +47,6 @@ def test_the_command_line_solves_a_folder_to_the_known_optima(
     # All of it again is read from the results.
     assert main([str(COLLECTION), "--results", str(results), "--time-limit", "60"]) == 0
     assert capsys.readouterr().out.splitlines() == lines
-
-
-@pytest.mark.slow
-def test_processes_find_the_same(tmp_path: Path) -> None:
-    alone = solve_files(COLLECTION)
-    together = solve_files(COLLECTION, workers=2, file=tmp_path / "results.jsonl")
-    assert objectives(together) == pytest.approx(objectives(alone), abs=1e-8)
-    assert objectives(solve_files(COLLECTION, file=tmp_path / "results.jsonl")) == objectives(together)
 
 
 def test_the_numbers_are_those_of_the_file_and_not_of_the_solver(
