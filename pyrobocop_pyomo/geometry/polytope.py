@@ -15,7 +15,7 @@ import numpy as np
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.numerics.rounding import ROUNDING
 from pyrobocop_pyomo.optional_imports import scipy
-from pyrobocop_pyomo.presentation import Presented, facts_table
+from pyrobocop_pyomo.presentation import Presented
 
 from .polyhedra import affine_rank, halfspaces_of
 from .polytope_input import corners_of_halfspaces, corners_of_list, read_points
@@ -375,14 +375,6 @@ class Polytope(Presented):
     def reach(self) -> float:
         """No point of the shape is farther from its frame's origin; infinite for a shape with rays."""
         return self.lever + self.radius if self.is_bounded else math.inf
-
-    def _summary(self) -> str:
-        return str(self)
-
-    def _html_parts(self) -> list[str]:
-        reaches = [f"{low:.6g} .. {high:.6g}" for low, high in zip(*self.bounding_box, strict=True)]
-        facts = {f"{axis} of the corners, padded": reach for axis, reach in zip("xyz", reaches, strict=False)}
-        return [facts_table(facts)]
 
     def __str__(self) -> str:
         what = "corner" if self.ellipsoids is None else "ellipsoid"

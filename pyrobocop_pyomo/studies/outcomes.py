@@ -14,7 +14,7 @@ from pyrobocop_pyomo.modeling.variable_values import Values
 from pyrobocop_pyomo.optional_imports import pandas
 from pyrobocop_pyomo.phases import note_outcome
 from pyrobocop_pyomo.planning.solve import solve
-from pyrobocop_pyomo.presentation import Presented, aligned, disclosed_text, table
+from pyrobocop_pyomo.presentation import Presented, aligned
 from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason
 
 from .sweep_cases import SweepCase, numbers_of
@@ -264,17 +264,13 @@ class StudyResult(Presented, Sequence[Outcome]):
 
     def table(self) -> str:
         """The outcomes as a table in text; of their reasons the first sentence only."""
-        header, *rows = self._entries()
-        # A number such as 0.5 ends no sentence.
-        rows = [[*others, reason.partition("\n")[0].partition(". ")[0]] for *others, reason in rows]
-        numbers = self._rows()[0].values() if rows else ()
-        return aligned([header, *rows], [">", *("<" if isinstance(each, str) else ">" for each in numbers)])
-
-    def _entries(self) -> list[list[str]]:
-        """The texts of the header, and of one row per outcome; the last column is the reason."""
         rows = self._rows()
-        shown = ([str(number), *map(_shown, row.values())] for number, row in enumerate(rows, start=1))
-        return [[self.numbered_by, *(rows[0] if rows else ())], *shown]
+        for row in rows:  # a number such as 0.5 ends no sentence
+            row["reason"] = row["reason"].partition("\n")[0].partition(". ")[0]
+        first = rows[0] if rows else {}
+        shown = [[str(number), *map(_shown, row.values())] for number, row in enumerate(rows, start=1)]
+        sides = ("<" if isinstance(each, str) else ">" for each in first.values())
+        return aligned([[self.numbered_by, *first], *shown], [">", *sides])
 
     def _rows(self) -> list[dict[str, Any]]:
         """Entries by column: numbers of the cases where they are few, or names; numbers that were read; all others."""
@@ -303,10 +299,6 @@ class StudyResult(Presented, Sequence[Outcome]):
         not_tried = f", {left} not tried" if left else ""
         doubtful = ", DOUBTFUL" if self.doubts else ""
         return f"'{self.name}': {count} outcome{'s' * (count != 1)}, {solved} solved{not_tried}{doubtful}"
-
-    def _html_parts(self) -> list[str]:
-        header, *rows = self._entries()
-        return [*(disclosed_text("DOUBTFUL", doubt) for doubt in self.doubts), table(header, rows)]
 
     def __str__(self) -> str:
         undone = f"\n{len(self.remaining)} {self.item}s were left undone" if self.remaining else ""
