@@ -137,7 +137,6 @@ def sensitivity(
     result: SolveResult,
     parameters: Any,
     *,
-    derivatives_by: str | None = None,
     time_limit: float | None = None,
 ) -> Sensitivity:
     """Differentiate a solution with respect to mutable Params.
@@ -154,8 +153,6 @@ def sensitivity(
         Of that solve.
     parameters : Param, fixed Var, str or list
         What to differentiate for, or names of it. Indexed ones stand for all their members.
-    derivatives_by : {"asl", "casadi"}, optional
-        Where derivatives come from; by default ASL where it is present.
     time_limit : float, optional
         Seconds.
 
@@ -184,7 +181,7 @@ def sensitivity(
     chosen = _members(model, parameters)
     _check(model, result)
     parametric = ParametricModel(model, chosen, deadline)
-    compiled = CompiledModel(parametric.model, derivatives_by, is_view=True)
+    compiled = CompiledModel(parametric.model, is_view=True)
     deadline.check(f"'{model.name}': sensitivity")
     place = {id(variable): i for i, variable in enumerate(compiled.variables)}
     columns = np.array([place.get(id(variable), -1) for variable in parametric.parameter_variables], dtype=np.intp)
