@@ -314,7 +314,7 @@ class ParametricModel:
         for objective in source.component_data_objects(Objective, active=True):
             self.model.cost = Objective(expr=self._substituted(objective.expr), sense=objective.sense)
         for row in source.component_data_objects(Constraint, active=True):
-            self._add_row(row.to_bounded_expression(), row.expr, f"'{row.name}'")
+            self._add_row(row, f"'{row.name}'")
         self._add_pairs([canonical_form(stated) for stated in active_sources(source)])
         self._add_moving_bounds()
         unused = [parameter.name for parameter in unread_members(source, parameters)]
@@ -329,21 +329,17 @@ class ParametricModel:
         self._deadline.check(f"'{self._source.name}': sensitivity")
         self.names[id(self.model.rows.add(relation))] = name
 
-    def _add_row(self, bounded: tuple[Any, Any, Any], relation: Any, name: str) -> None:
-        lower, _, upper = bounded
-        new = [self._substituted(part) for part in bounded]
-        if all(part is old for part, old in zip(new, bounded, strict=True)):
-            if lower is not None or upper is not None:
-                self._add(relation, name)
-            return
-        if lower is upper and lower is not None:
-            self._add(new[1] - new[0] == 0, name)
+    def _add_row(self, row: Any, name: str) -> None:
+        lower, body, upper = map(self._substituted, row.to_bounded_expression())
+        least, _, most = row.to_bounded_expression(evaluate_bounds=True)  # None where there is none, or it is infinite
+        if row.equality:
+            self._add(body - lower == 0, name)
             return
         # Two rows for a range: its ends may move apart.
-        if lower is not None:
-            self._add(new[1] - new[0] >= 0, f"the lower bound of {name}")
-        if upper is not None:
-            self._add(new[1] - new[2] <= 0, f"the upper bound of {name}")
+        if least is not None:
+            self._add(body - lower >= 0, f"the lower bound of {name}")
+        if most is not None:
+            self._add(body - upper <= 0, f"the upper bound of {name}")
 
     def _add_pairs(self, forms: Sequence[CanonicalForm]) -> None:
         pairs = [pair for form in forms for pair in form.pairs]
@@ -357,7 +353,7 @@ class ParametricModel:
             for number, relation in enumerate(form.rows):
                 row = Constraint(expr=relation)
                 row.construct()
-                self._add_row(row.to_bounded_expression(), relation, f"row {number + 1} of '{form.source.name}'")
+                self._add_row(row, f"row {number + 1} of '{form.source.name}'")
             for pair in (pair for pair in form.pairs if pair.a_part is SidePart.WHOLE):
                 a, b = side_values(pair)
                 if min(abs(a), abs(b)) > MET:
