@@ -86,14 +86,6 @@ _NAMES_ON_DEMAND = {
 }
 _HOMES_ON_DEMAND = {name: home for home, names in _NAMES_ON_DEMAND.items() for name in names.split()}
 
-_removed = errors.removed_names(
-    __name__,
-    {
-        "benchmarks/solve_files.py, which solves problem files, and model.write()": "files",
-        "examples/gaussian_process.py, which is to be copied": "GaussianProcessMean",
-    },
-)
-
 __all__ = [
     "Algebraic",
     "Complementarity",
@@ -130,7 +122,8 @@ def __getattr__(name: str) -> Any:
     if name in _NAMESPACES_ON_DEMAND:
         return import_module(f"{__name__}.contrib.{name}" if name == "estimation" else f"{__name__}.{name}")
     if name not in _HOMES_ON_DEMAND:
-        _removed(name, _keywords.where_it_is(name, sys.modules[__name__], __all__))
+        where = _keywords.where_it_is(name, sys.modules[__name__], __all__)
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}{where}")
     found = globals()[name] = getattr(import_module(f"{__name__}.{_HOMES_ON_DEMAND[name]}"), name)
     return found
 

@@ -26,48 +26,7 @@ package, Pyomo's own included, treats them as what they are: bad values.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import pyomo.common.errors
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-    from typing import Any
-
-
-def removed_names(module: str, instead: Mapping[str, str]) -> Callable[..., Any]:
-    """The ``__getattr__`` of a module, which says what to write in place of names that it had.
-
-    Parameters
-    ----------
-    module : str
-    instead : mapping of str to str
-        What to write, and the names in place of which, separated by spaces.
-    """
-
-    def refuse(name: str, otherwise: str = "") -> Any:
-        remedies = (f"; in its place: {what}" for what, names in instead.items() if name in names.split())
-        remedy = next(remedies, otherwise)
-        raise AttributeError(f"module {module!r} has no attribute {name!r}{remedy}")
-
-    return refuse
-
-
-__getattr__ = removed_names(
-    __name__,
-    {
-        "ModelError": """
-            DeclarationError ExpressionArrayError LinkError MeshError ProblemClassError RemeshingError SchemeError
-            SolverOptionError StructureChanged TranscriptionError
-        """,
-        "EvaluationError": "SensitivityError SingularMatrix",
-        "SolveFailed": "HomotopyStalled TeamFailed TimeLimitReached",
-        "SolverNotFoundError": "BuildFailed",
-        "TeamError": "CheckpointError",
-        "ObstacleError": "GeometryError",
-        "EstimationError": "NotIdentifiable",
-    },
-)
 
 
 class PyRobocopError(Exception):

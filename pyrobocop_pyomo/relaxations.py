@@ -22,7 +22,6 @@ from pyrobocop_pyomo.complementarity import (
     Scholtes,
     Superlinear,
 )
-from pyrobocop_pyomo.errors import removed_names
 
 __all__ = [
     "Crossed",
@@ -36,13 +35,3 @@ __all__ = [
     "Scholtes",
     "Superlinear",
 ]
-
-__getattr__ = removed_names(
-    __name__,
-    {
-        "its word, such as relaxation='elastic' or grouping='element', or pyrobocop_pyomo.complementarity": """
-            AllPairs PerElement PerPair PerPhase ChenHarkerKanzowSmale KanzowSchwartz SteffensenUlbrich Penalty
-            Elastic ObjectiveTerm BarrierSchedule
-        """,
-    },
-)

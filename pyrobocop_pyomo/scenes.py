@@ -7,7 +7,6 @@ competitions publish them. Pictures and animations need Matplotlib.
 from importlib import import_module
 from typing import Any
 
-from pyrobocop_pyomo.errors import removed_names
 from pyrobocop_pyomo.geometry import Pose, signed_distance
 from pyrobocop_pyomo.obstacles import animate_avoidance, draw_avoidance
 from pyrobocop_pyomo.phases.waypoint_initial_guess import waypoint_initial_guess
@@ -20,13 +19,6 @@ _OF_CONTRIB = {
 }
 _ON_DEMAND = {name: home for home, names in _OF_CONTRIB.items() for name in names.split()}
 
-_removed = removed_names(
-    __name__,
-    {
-        "between=None, for single points": "Dual Mixed Offset Optimality",
-        "examples/mechanism_pictures.py, or bodies and draw_scene": "draw_linkage draw_planar_pushing",
-    },
-)
 
 __all__ = [
     "BodyPath",
@@ -44,5 +36,5 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     """A name of `contrib`."""
     if name not in _ON_DEMAND:
-        _removed(name)
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"pyrobocop_pyomo.contrib.{_ON_DEMAND[name]}"), name)

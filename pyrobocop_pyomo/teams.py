@@ -11,7 +11,6 @@ from pyrobocop_pyomo.distributed.rounds import BarrierPath, Round, TargetedPenal
 from pyrobocop_pyomo.distributed.sova import Sova
 from pyrobocop_pyomo.distributed.team_horizon import TeamHorizon
 from pyrobocop_pyomo.distributed.team_result import TeamResult
-from pyrobocop_pyomo.errors import removed_names
 from pyrobocop_pyomo.execution.engine import Engine
 from pyrobocop_pyomo.execution.engines import SerialEngine
 from pyrobocop_pyomo.execution.executor_engine import ExecutorEngine
@@ -32,15 +31,3 @@ __all__ = [
     "TeamHorizon",
     "TeamResult",
 ]
-
-__getattr__ = removed_names(
-    __name__,
-    {
-        "BarrierPath(mu, turn=mu, floor=mu)": "ConstantBarrier",
-        "penalties=None": "ConstantPenalties",
-        "closing=Closing(), which ends what rounds do not": "PenaltyRestart",
-        "copy it from benchmarks/rod_teams.py": "SimulatedNetwork",
-        "ExecutorEngine(executor, workers), engine='dask' or engine='mpi'": "DaskEngine MpiEngine",
-        "TargetedPenalties": "BalancedPenalties GrowingPenalties",
-    },
-)

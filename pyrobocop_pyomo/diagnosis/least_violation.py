@@ -323,19 +323,14 @@ class LeastViolation:
         return f" by {digits} or more" if self.is_proof else f" by about {digits}"
 
     def __str__(self) -> str:
-        first, *others = self.lines(indent="")
-        return f"{first} {'; '.join(others)}." if others else first
-
-    def lines(self, indent: str = "  ") -> list[str]:
-        """What is known as sentences, then one obstruction per line."""
         said = "With the same sides of its pairs at zero, no point nearby violates less."
         said = said if self.has_pairs else self.kind.value
         if not self.obstructions:
-            return [said]
+            return said
         left = len(self.obstructions) - SHOWN
-        more = [f"{indent}and {left} more"] if left > 0 else []
-        named = [f"{indent}{obstruction}" for obstruction in self.obstructions[:SHOWN]]
-        return [f"{said} {STANDS_AGAINST}", *named, *more]
+        more = [f"  and {left} more"] if left > 0 else []
+        named = [f"  {obstruction}" for obstruction in self.obstructions[:SHOWN]]
+        return "\n".join([f"{said} {STANDS_AGAINST}", *named, *more])
 
 
 def least_violation(model: Any, deadline: Deadline = NO_DEADLINE) -> LeastViolation | None:

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
-from pyrobocop_pyomo.optional_imports import scipy
 
 from .nearest_points import difference_rays, nearest_difference, nearest_differences
 from .polyhedra import affine_basis, complement, convex_hull, halfspaces_of
@@ -125,10 +122,7 @@ def distance_of_points(
     SignedDistance
         Of distance minus infinity if rays leave no direction to separate the sets along.
     """
-    rays = None
-    of_first = 0 if p_rays is None else len(p_rays)
-    if of_first or (q_rays is not None and len(q_rays)):
-        rays = difference_rays(p_rays, q_rays, p.shape[1])
+    rays, of_first = difference_rays(p_rays, q_rays, p.shape[1]), 0 if p_rays is None else len(p_rays)
     origin = (p[0] + q[0]) * 0.5  # scenes far from the world's origin lose no digits
     p, q = p - origin, q - origin
     scale = max(float(np.abs(p).max()), float(np.abs(q).max())) or 1.0
@@ -136,12 +130,11 @@ def distance_of_points(
     if nearest.norm > TOUCHING * scale:
         normal = nearest.point / nearest.norm
         return SignedDistance(nearest.norm, normal, nearest.first + origin, nearest.second + origin)
-    all_rays = np.zeros((0, p.shape[1])) if rays is None else rays
-    directions = _candidate_normals(p, q, all_rays)
+    directions = separating_directions(p, q, rays)
     is_apart = nearest.norm > APART * scale
     if is_apart:
         directions = np.vstack([directions, nearest.point / nearest.norm])
-    widths = _gaps(directions, p, q, all_rays)
+    widths = _gaps(directions, p, q, rays)
     best = int(widths.argmax()) if len(widths) else -1
     if best < 0 or widths[best] == -np.inf:
         nowhere = np.full(p.shape[1], np.nan)
@@ -302,21 +295,21 @@ def _lowest_points(sets: PointSets, normals: np.ndarray) -> np.ndarray:
 
 
 def _point_of_contact(
-    p: np.ndarray, q: np.ndarray, rays: np.ndarray | None, of_first: int, normal: np.ndarray, scale: float
+    p: np.ndarray, q: np.ndarray, rays: np.ndarray, of_first: int, normal: np.ndarray, scale: float
 ) -> np.ndarray:
     """A point of q that p touches when it is moved along the normal until both touch."""
     along_p, along_q = p @ normal, q @ normal
     top = float(along_q.max())
     p_face = p[along_p <= along_p.min() + LEVEL * scale]
     q_face = q[along_q >= top - LEVEL * scale]
-    is_level = np.zeros(0, dtype=bool) if rays is None else np.abs(rays @ normal) <= LEVEL
+    is_level = np.abs(rays @ normal) <= LEVEL
     if len(q_face) == 1 and not is_level[of_first:].any():
         return q_face[0]
     if len(p_face) == 1 and not is_level[:of_first].any():
         return p_face[0] + (top - float(p_face[0] @ normal)) * normal
     flat = np.eye(len(normal)) - np.outer(normal, normal)
-    level = None if rays is None else rays[is_level] @ flat
     of_first = int(is_level[:of_first].sum())
+    level = rays[is_level] @ flat
     return nearest_difference(p_face @ flat, q_face @ flat, scale, level, of_first).second + top * normal
 
 
@@ -355,46 +348,3 @@ def separating_directions(
         return np.vstack([normals, -normals])
     # Outward normals of the differences point from p to q.
     return -(halfspaces_of(differences, rays)[0] if len(rays) else convex_hull(differences).normals)
-
-
-def _candidate_normals(p: np.ndarray, q: np.ndarray, rays: np.ndarray) -> np.ndarray:
-    """The directions of `separating_directions`, found faster, with repetitions and some that are not needed.
-
-    A facet of the differences is spanned by edges of p and of q and by rays. Where these are few, all that any
-    two of them span are taken, and no hull is needed; else Qhull's facets, triangle by triangle.
-    """
-    dimension = p.shape[1]
-    if max(len(p), len(q)) <= (8 if dimension == 2 or len(rays) else 2):
-        normals = _spanned(np.vstack([_edges(p), _edges(q), rays]))
-        if len(normals):
-            return np.vstack([normals, -normals])
-    elif len(rays) == 0:
-        differences = (p[:, None, :] - q[None, :, :]).reshape(-1, dimension)
-        with contextlib.suppress(scipy.spatial.QhullError):  # they lie in one plane
-            return -scipy.spatial.ConvexHull(differences).equations[:, :-1]
-    return separating_directions(p, q, rays)
-
-
-def _edges(points: np.ndarray) -> np.ndarray:
-    """Unit vectors between all pairs of points: few of them are edges, and all edges are among them."""
-    i, j = _pairs(len(points))
-    vectors = points[i] - points[j]
-    lengths = np.linalg.norm(vectors, axis=1)
-    kept = lengths > NEGLIGIBLE * (lengths.max() if len(lengths) else 0.0)
-    return vectors[kept] / lengths[kept, None]
-
-
-def _spanned(vectors: np.ndarray) -> np.ndarray:
-    """Unit normals, one of each two opposite ones, of all planes (lines in 2-D) that the unit vectors span."""
-    if vectors.shape[1] == 2:
-        return np.column_stack([-vectors[:, 1], vectors[:, 0]])
-    i, j = _pairs(len(vectors))
-    normals = np.cross(vectors[i], vectors[j])
-    lengths = np.linalg.norm(normals, axis=1)
-    kept = lengths > NEGLIGIBLE
-    return normals[kept] / lengths[kept, None]
-
-
-@lru_cache(maxsize=64)
-def _pairs(count: int) -> tuple[np.ndarray, np.ndarray]:
-    return np.triu_indices(count, 1)

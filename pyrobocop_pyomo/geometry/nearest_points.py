@@ -63,7 +63,7 @@ def difference_rays(first: np.ndarray | None, second: np.ndarray | None, dimensi
 
 
 def nearest_difference(
-    first: np.ndarray, second: np.ndarray, scale: float, rays: np.ndarray | None = None, of_first: int = 0
+    first: np.ndarray, second: np.ndarray, scale: float, rays: np.ndarray, of_first: int = 0
 ) -> Nearest:
     """Nearest point to the origin of ``conv(first) - conv(second) + cone(rays)``.
 
@@ -72,7 +72,7 @@ def nearest_difference(
     first, second : (v, d) and (w, d) arrays
     scale : float
         Size of the coordinates: what zero is compared with.
-    rays : (k, d) array, optional
+    rays : (k, d) array
         Unit rows, see `difference_rays`.
     of_first : int, optional
         How many of the rays are the first set's.
@@ -91,7 +91,7 @@ def nearest_difference(
         direction = np.array(point)
         found = _lowest(first, second, direction)
         short_by = norm - _dot(found.at, point) / norm
-        if rays is not None and len(rays):
+        if len(rays):
             slopes = rays @ direction
             # Rays that are kept are level but for rounding, as is one that has just been found to gain nothing.
             slopes[[j for i, j in (one.rows for one in kept) if i < 0] + idle_rays] = 0.0

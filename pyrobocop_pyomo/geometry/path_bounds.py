@@ -81,20 +81,21 @@ class PathBounds:
 
     def boxes(self) -> Interval:
         """Axis-aligned boxes that contain the shape during each subinterval, shape ``(m, d)``."""
-        low, high = [], []
-        for axis in np.eye(self.shape.dimension):
-            normals = np.broadcast_to(axis, (len(self.start), len(axis)))
-            ends = [heights(normals, of) for of in (self.at_start, self.at_end)]
-            curvature, value = self.curvature_bounds(normals), self.value_bounds(normals)
-            lowest, highest = (
-                _between(start, end, curvature, self.deviation_factor).intersect(value)
-                for start, end in zip(*ends, strict=True)
-            )
-            rays = self.ray_bounds(normals)
-            unbounded_below, unbounded_above = (rays.low < 0.0).any(axis=1), (rays.high > 0.0).any(axis=1)
-            low.append(np.where(unbounded_below, -np.inf, lowest.low.min(axis=1)) - self.shape.radius)
-            high.append(np.where(unbounded_above, np.inf, highest.high.max(axis=1)) + self.shape.radius)
-        return Interval(np.array(low).T, np.array(high).T)
+        dimension, count = self.shape.dimension, len(self.start)
+        along_axes, normals = (
+            self.subset(np.repeat(np.arange(count), dimension)),
+            np.tile(np.eye(dimension), (count, 1)),
+        )
+        starts, ends = heights(normals, along_axes.at_start), heights(normals, along_axes.at_end)
+        curvature, value = along_axes.curvature_bounds(normals), along_axes.value_bounds(normals)
+        lowest, highest = (
+            _between(start, end, curvature, along_axes.deviation_factor).intersect(value)
+            for start, end in zip(starts, ends, strict=True)
+        )
+        rays = along_axes.ray_bounds(normals)
+        low = np.where((rays.low < 0.0).any(axis=1), -np.inf, lowest.low.min(axis=1)) - self.shape.radius
+        high = np.where((rays.high > 0.0).any(axis=1), np.inf, highest.high.max(axis=1)) + self.shape.radius
+        return Interval(low.reshape(count, dimension), high.reshape(count, dimension))
 
 
 def heights(normals: Array, places: PointSets) -> tuple[Array, Array]:

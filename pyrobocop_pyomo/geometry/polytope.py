@@ -15,7 +15,7 @@ import numpy as np
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.numerics.rounding import ROUNDING
 from pyrobocop_pyomo.optional_imports import scipy
-from pyrobocop_pyomo.presentation import Presented, facts_table
+from pyrobocop_pyomo.presentation import Presented
 
 from .polyhedra import affine_rank, halfspaces_of
 from .polytope_input import corners_of_halfspaces, corners_of_list, read_points
@@ -200,9 +200,9 @@ class Polytope(Presented):
         ObstacleError
             For lengths that are not positive, or fewer than 3 sides.
         """
-        corners, excess = _around_cone((radius, radius), height, sides, name)
-        middle = _checked_position(center, name, 3)
-        turned = (corners - np.array([0.0, 0.0, 0.5 * height])) @ _frame_along(axis, name).T
+        ring, excess = _around_circle(radius, height, sides, name)
+        middle, half = _checked_position(center, name, 3), np.array([0.0, 0.0, 0.5 * height])
+        turned = np.vstack([ring - half, ring + half]) @ _frame_along(axis, name).T
         return replace(cls.hull(middle + turned, name=name), excess=excess)
 
     @classmethod
@@ -213,12 +213,12 @@ class Polytope(Presented):
         center: Sequence[float] = (0.0, 0.0, 0.0),
         axis: Sequence[float] = (0.0, 0.0, 1.0),
         *,
-        top_radius: float = 0.0,
         sides: int = 16,
         name: str = "cone",
     ) -> Polytope:
-        """A pyramid around a cone, or a frustum; like `cylinder`, but `center` is the middle of its base."""
-        corners, excess = _around_cone((radius, top_radius), height, sides, name)
+        """A pyramid around a cone; like `cylinder`, but `center` is the middle of its base."""
+        ring, excess = _around_circle(radius, height, sides, name)
+        corners = np.vstack([ring, [0.0, 0.0, height]])
         base = _checked_position(center, name, 3)
         return replace(cls.hull(base + corners @ _frame_along(axis, name).T, name=name), excess=excess)
 
@@ -376,14 +376,6 @@ class Polytope(Presented):
         """No point of the shape is farther from its frame's origin; infinite for a shape with rays."""
         return self.lever + self.radius if self.is_bounded else math.inf
 
-    def _summary(self) -> str:
-        return str(self)
-
-    def _html_parts(self) -> list[str]:
-        reaches = [f"{low:.6g} .. {high:.6g}" for low, high in zip(*self.bounding_box, strict=True)]
-        facts = {f"{axis} of the corners, padded": reach for axis, reach in zip("xyz", reaches, strict=False)}
-        return [facts_table(facts)]
-
     def __str__(self) -> str:
         what = "corner" if self.ellipsoids is None else "ellipsoid"
         parts = [f"{len(self.vertices)} {what}{'s' if len(self.vertices) != 1 else ''}"]
@@ -407,24 +399,19 @@ def _checked_position(position: Sequence[float], name: str, dimension: int | Non
     return place
 
 
-def _around_cone(radii: tuple[float, float], height: float, sides: int, name: str) -> tuple[np.ndarray, float]:
-    """Corners (k, 3) of a frustum with flat sides around one with round ones, its base at z = 0, and the excess.
+def _around_circle(radius: float, height: float, sides: int, name: str) -> tuple[np.ndarray, float]:
+    """Corners (sides, 3) of a regular polygon around a circle, the base of a shape of some height, and its excess.
 
-    Each side touches the round shape along a line. The corners of a regular polygon around a circle of radius r are at
-    ``r / cos(pi / sides)`` from its centre.
+    Flat sides touch the round ones along lines: the corners around a radius r are at ``r / cos(pi / sides)``.
     """
-    base, top = radii
-    if not all(math.isfinite(number) for number in (base, top, height)) or min(base, height) <= 0.0 or top < 0.0:
-        raise ObstacleError(f"'{name}': radius {base}, top radius {top}, height {height}; expected positive lengths.")
-    share = (1.0 + ROUNDING) / math.cos(math.pi / _checked_sides(sides, 3, name))
+    if not (math.isfinite(radius) and math.isfinite(height)) or min(radius, height) <= 0.0:
+        raise ObstacleError(f"'{name}': radius {radius}, height {height}; expected positive lengths.")
+    if not isinstance(sides, int) or sides < 3:
+        raise ObstacleError(f"'{name}': {sides!r} sides; expected a whole number, 3 or more.")
+    share = (1.0 + ROUNDING) / math.cos(math.pi / sides)
     angles = 2.0 * math.pi * np.arange(sides) / sides
-    ring = share * np.column_stack([np.cos(angles), np.sin(angles)])
-    levels = [np.column_stack([base * ring, np.zeros(sides)])]
-    if top > 0.0:
-        levels.append(np.column_stack([top * ring, np.full(sides, height)]))
-    else:
-        levels.append(np.array([[0.0, 0.0, height]]))
-    return np.vstack(levels), max(base, top) * (share - 1.0)
+    ring = radius * share * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(sides)])
+    return ring, radius * (share - 1.0)
 
 
 def extents(normals: np.ndarray, ellipsoids: np.ndarray) -> np.ndarray:
@@ -452,12 +439,6 @@ def _frame_along(axis: Sequence[float], name: str) -> np.ndarray:
     x = np.array([1.0, 0.0, 0.0]) if abs(z[2]) == 1.0 else np.cross(least, z)
     x = x / np.linalg.norm(x)
     return np.column_stack([x, np.cross(z, x), z])
-
-
-def _checked_sides(sides: int, least: int, name: str) -> int:
-    if not isinstance(sides, int) or sides < least:
-        raise ObstacleError(f"'{name}': {sides!r} sides; expected a whole number, {least} or more.")
-    return sides
 
 
 def _on_sphere(parts: int) -> np.ndarray:

@@ -24,7 +24,7 @@ from pyomo.core.base.block import Block, BlockData
 from pyomo.core.base.global_set import UnindexedComponent_index, UnindexedComponent_set
 
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.presentation import Presented
+from pyrobocop_pyomo.presentation import Presented, preformatted
 
 from .failures import undone_on_failure
 from .keywords import check_keywords
@@ -86,8 +86,8 @@ class BuiltBlockData(Presented, BlockData):
     def _summary(self) -> str:
         return f"'{self.name}'{'' if self.is_built else ', not constructed yet'}"
 
-    def _html_parts(self) -> list[str]:
-        return []
+    def _repr_html_(self) -> str:
+        return preformatted(repr(self))  # the text of a block is its name
 
     def _build(self, *arguments: Any, **options: Any) -> None:
         raise NotImplementedError

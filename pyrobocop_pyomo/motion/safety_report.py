@@ -15,7 +15,7 @@ import numpy as np
 
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.plotting import plot_clearances
-from pyrobocop_pyomo.presentation import Presented, aligned, disclosed_text, table
+from pyrobocop_pyomo.presentation import Presented, aligned
 
 NOT_REPLAYED = "the motion under the controls was not replayed"
 _NOT_BY_EQUATIONS = "but not for the motion of its equations"
@@ -280,10 +280,6 @@ class SafetyReport(Presented):
         """One line per body pair, the worst first."""
         rows = self._rows()
         return aligned(rows, ["<", *">" * (len(rows[0]) - 2), "<"])
-
-    def _html_parts(self) -> list[str]:
-        header, *rows = self._rows()
-        return [table(header, rows), disclosed_text("as text", str(self))]
 
     def __str__(self) -> str:
         where = "at all times" if self.between else "at the points"

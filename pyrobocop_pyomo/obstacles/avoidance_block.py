@@ -20,7 +20,6 @@ from pyomo.core.expr.numvalue import value
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.modeling.blocks import Rule, blocks_of_kind
 from pyrobocop_pyomo.motion.safety_report import SafetyReport
-from pyrobocop_pyomo.presentation import table
 
 from .avoidance_record import MotionSegment, Snapshot, make_record, proven_gap, segments_of_motion
 from .block_arguments import MotionBlock, MotionBlockData
@@ -82,12 +81,6 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
             return super()._summary()
         bodies = self.record.scene.bodies.values()
         return f"{super()._summary()}: {len(bodies)} bodies, of which {sum(body.moves for body in bodies)} move"
-
-    def _html_parts(self) -> list[str]:
-        bodies = self.record.scene.bodies if self.is_built else {}
-        shapes = {name: ", ".join(map(str, body.parts)) for name, body in bodies.items()}
-        rows = [(name, "moves" if body.moves else "rests", shapes[name]) for name, body in bodies.items()]
-        return [table(("body", "motion", "shape"), rows)] if rows else []
 
     def _state(self, points: Any, **options: Any) -> None:
         self._record = record = make_record(self._what, points, **options)

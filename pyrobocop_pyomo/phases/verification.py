@@ -20,7 +20,7 @@ from pyrobocop_pyomo.modeling.foreign_variables import foreign_read, foreign_var
 from pyrobocop_pyomo.modeling.row_violations import bound_violation, sides_of_row
 from pyrobocop_pyomo.modeling.shared_nodes import shared_value, variables_in_any
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.presentation import Presented, facts_table, paragraph
+from pyrobocop_pyomo.presentation import Presented
 from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import can_step
 
@@ -188,9 +188,6 @@ class Verification(Presented):
             "integrals, re-integrated": self.integral_error,
         }
         return {what: "not available" if number is None else f"{number:.2e}" for what, number in numbers.items()}
-
-    def _html_parts(self) -> list[str]:
-        return [facts_table(self._rows()), *(paragraph(text) for text in (*self.remarks, self.verdict))]
 
     def __str__(self) -> str:
         lines = [f"{what:27} {number}" for what, number in self._rows().items()]

@@ -1,36 +1,12 @@
-"""How objects show themselves: one line for a terminal, a small table for a notebook. Text only, no model.
-
-Tables have no scripts, and no colours of their own, so that they fit any page.
-"""
+"""How objects show themselves: one line for a terminal, the whole text for a notebook. Text only, no model."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from decimal import Decimal
 from html import escape
 from typing import Any
-
-# A table of more rows says how many it leaves out.
-MOST_ROWS = 40
-# Pages other than Jupyter's set no distance between columns.
-CELL_STYLE = "text-align: left; padding: 0.1em 1.2em 0.1em 0"
-
-
-class Html(str):
-    """Text that is HTML already, and goes into a table as it is; all other text is escaped."""
-
-    __slots__ = ()
-
-
-def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> Html:
-    """A table with a header; the first column is text, and so are the cells that are `Html`."""
-    listed = list(rows)
-    shown = listed[:MOST_ROWS]
-    head = "".join(f'<th style="{CELL_STYLE}">{escape(name)}</th>' for name in header)
-    body = "".join(f"<tr>{''.join(map(_cell, row))}</tr>" for row in shown)
-    rest = f"<div>... and {len(listed) - len(shown)} more</div>" if len(listed) > len(shown) else ""
-    return Html(f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{rest}")
 
 
 def aligned(rows: Sequence[Sequence[str]], sides: Sequence[str]) -> str:
@@ -40,36 +16,15 @@ def aligned(rows: Sequence[Sequence[str]], sides: Sequence[str]) -> str:
     return "\n".join("  ".join(map(format, row, styles)).rstrip() for row in rows)
 
 
-def facts_table(facts: Mapping[str, object]) -> Html:
-    """A table of two columns: what, and its value. What is None is left out."""
-    rows = [(Html(f"<strong>{escape(name)}</strong>"), value) for name, value in facts.items() if value is not None]
-    return table((), rows)
-
-
-def paragraph(text: str) -> Html:
-    """Text as it is, on lines of its own."""
-    return Html(f"<div>{escape(text)}</div>")
-
-
-def disclosed_text(summary: str, text: str) -> Html:
-    """Text as it would be printed, which opens on a click."""
-    return Html(f"<details><summary>{escape(summary)}</summary><pre>{escape(text)}</pre></details>")
-
-
-def _cell(value: object) -> str:
-    text = value if isinstance(value, Html) else escape(f"{value:.6g}" if isinstance(value, float) else str(value))
-    return f'<td style="{CELL_STYLE}">{text}</td>'
-
-
 # An object in a list, in a traceback or at the end of a cell must not fill the screen.
 MOST_CHARACTERS = 160
 
 
 class Presented:
-    """Base of results and reports: a short `repr`, and HTML for notebooks.
+    """Base of results and reports: a short `repr`, and the whole text for notebooks.
 
-    Subclasses say in `_summary` what matters most, by default the first line of their text, and in `_html_parts` what a
-    notebook shows below it, by default the whole text, folded. ``print`` shows the whole text, as ever.
+    Subclasses say in `_summary` what matters most, by default the first line of their text. Notebooks and ``print``
+    show the whole text.
     """
 
     def __init_subclass__(cls, **options: Any) -> None:
@@ -84,14 +39,11 @@ class Presented:
     def _summary(self) -> str:
         return str(self).partition("\n")[0] if type(self).__str__ is not object.__str__ else ""
 
-    def _html_parts(self) -> list[str]:
-        return [disclosed_text("as text", str(self))] if type(self).__str__ is not object.__str__ else []
-
     def __repr__(self) -> str:
         return one_line(self._shown_as(), self._summary())
 
     def _repr_html_(self) -> str:
-        return as_html(self._shown_as(), self._summary(), self._html_parts())
+        return preformatted(str(self))
 
 
 def one_line(kind: str, summary: str) -> str:
@@ -100,10 +52,9 @@ def one_line(kind: str, summary: str) -> str:
     return f"<{text if len(text) <= MOST_CHARACTERS else text[: MOST_CHARACTERS - 4] + ' ...'}>"
 
 
-def as_html(kind: str, summary: str, parts: Iterable[str]) -> Html:
-    """The same in bold, and below it what was made by the other functions here."""
-    title = f"{kind}: {summary}" if summary else kind
-    return Html(f"<div><div><strong>{escape(title)}</strong></div>{''.join(parts)}</div>")
+def preformatted(text: str) -> str:
+    """HTML that shows a text as a terminal does."""
+    return f"<pre>{escape(text)}</pre>"
 
 
 # What is smaller is not worth more digits.

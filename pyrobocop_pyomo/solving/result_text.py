@@ -205,7 +205,7 @@ def long_report(result: Any, worst: int) -> str:
         *_pairs(result),
         *_doubts(result),
         *(f"not met: {violation}" for violation in result.violations),
-        *(least.lines() if least is not None else ()),
+        *([str(least)] if least is not None else ()),
         *([] if result.solved else _suggestion(result)),
         *result.remarks,
         *([str(mesh)] if mesh.phases or mesh.beside else []),

@@ -19,7 +19,7 @@ from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers
 from pyrobocop_pyomo.optional_imports import pandas
 from pyrobocop_pyomo.plotting import plot_result
-from pyrobocop_pyomo.presentation import Presented, disclosed_text, paragraph
+from pyrobocop_pyomo.presentation import Presented
 from pyrobocop_pyomo.programs.automatic_scaling import ScalingRecord
 from pyrobocop_pyomo.trajectories.trajectory import SOLVED
 
@@ -317,10 +317,6 @@ class SolveResult(Presented):
     def one_line(self) -> str:
         """Verdict, objective, effort, violation and the error of the mesh."""
         return first_line(self)
-
-    def _html_parts(self) -> list[str]:
-        shown = map(paragraph, str(self).splitlines()[1:])
-        return [*shown, disclosed_text("report", self.report())]
 
     def __str__(self) -> str:
         return short_text(self)

@@ -12,8 +12,6 @@ table. Its members mean the same in all of them:
 ``time_limit`` is for the whole study.
 """
 
-from pyrobocop_pyomo.errors import removed_names
-
 from .homotopy import homotopy
 from .multistart import multistart
 from .persistent_nlp import PersistentNLP
@@ -27,12 +25,3 @@ __all__ = [
     "multistart",
     "sensitivity",
 ]
-
-__getattr__ = removed_names(
-    __name__,
-    {
-        "rcp.solve(model, mesh_tolerance=1e-6)": "solve_refined RefinementEnd",
-        "rcp.sweep(build, sequences, start_from=None)": "solve_sequences",
-        "itertools.product(modes, repeat=length), and leave out what may not follow": "mode_sequences",
-    },
-)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 from pyomo.core.expr.numvalue import value
 
@@ -33,9 +33,6 @@ class HomotopyResult(StudyResult):
     Where a problem is not feasible, the step along the path was halved. `best` is the last one that is, whose data and
     point are on the model.
     """
-
-    item: ClassVar[str] = "problem of the path"
-    numbered_by: ClassVar[str] = "step"
 
     def _best_first(self) -> tuple[Outcome, ...]:
         return tuple(step for step in reversed(self.outcomes) if step.feasible)

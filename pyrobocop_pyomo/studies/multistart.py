@@ -11,11 +11,6 @@ from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.execution.engine import Engine
-from pyrobocop_pyomo.modeling.variable_values import checksum_of_model
-from pyrobocop_pyomo.motion.equations_motion import PLAN_ALONE
-from pyrobocop_pyomo.motion.safety_report import joined_report
-from pyrobocop_pyomo.obstacles import avoidance_blocks, containments
-from pyrobocop_pyomo.solving import SolveResult
 from pyrobocop_pyomo.solving.starts import RandomStarts
 
 from .named_data import by_component
@@ -32,35 +27,10 @@ class MultistartResult(StudyResult):
     the model; starts that a time limit or Ctrl-C left undone are in `remaining`.
     """
 
-    item = "start"
-    numbered_by = "rank"
-
     @property
     def reached(self) -> bool:
         """Whether the best point is optimal and, where there are obstacles, safe."""
         return bool(self.outcomes) and self.outcomes[0].result is not None and self.outcomes[0].result.solved
-
-    def load(self, place: int) -> SolveResult:
-        """Put the point of another start on the model and return its result.
-
-        Parameters
-        ----------
-        place : int
-            In this ranking, from 0.
-
-        Raises
-        ------
-        SolveFailed
-            When it has none.
-        """
-        result, model = super().load(self.outcomes[place].case.number), self._solver.model
-        blocks = [*avoidance_blocks(model), *containments(model)]
-        if result.safety is None or not blocks:
-            return result
-        # Margins and planes on the model are those of a later start: the motion is judged again, as far as it was.
-        equations = PLAN_ALONE not in result.safety.not_replayed
-        safety = joined_report(block.verify(equations=equations) for block in blocks)
-        return replace(result, safety=safety, fingerprint=checksum_of_model(model))
 
 
 def multistart(

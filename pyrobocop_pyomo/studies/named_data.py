@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -108,18 +108,13 @@ def by_component(given: Any, model: Any) -> list[tuple[Any, Any]]:
     ModelError
         If it is none of these, or a name is not in the model.
     """
-    pairs: list[tuple[Any, ...]]
-    if isinstance(given, Mapping):
-        pairs = list(given.items())
-    elif isinstance(given, Iterable) and not isinstance(given, str):
-        pairs = [tuple(item) if isinstance(item, (tuple, list)) else (item,) for item in given]
-    else:
-        pairs = [(given,)]
-    if any(len(pair) != 2 for pair in pairs):
+    try:
+        pairs = [(component, said) for component, said in (given.items() if isinstance(given, Mapping) else given)]
+    except (TypeError, ValueError):
         raise ModelError(
             f"'{model.name}': expected a mapping such as {{'p': value}}, or pairs of a component and what is said of "
             "it, such as [(m.p, value)]."
-        )
+        ) from None
     return [(named(component, model), said) for component, said in pairs]
 
 

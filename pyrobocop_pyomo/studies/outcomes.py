@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cmp_to_key
-from typing import Any, ClassVar
+from typing import Any
 
 from pyrobocop_pyomo.errors import SolveFailed
 from pyrobocop_pyomo.modeling.deadline import Deadline
-from pyrobocop_pyomo.modeling.variable_values import Values
+from pyrobocop_pyomo.modeling.variable_values import Values, checksum_of_model
+from pyrobocop_pyomo.motion.equations_motion import PLAN_ALONE
+from pyrobocop_pyomo.motion.safety_report import joined_report
+from pyrobocop_pyomo.obstacles import avoidance_blocks, containments
 from pyrobocop_pyomo.optional_imports import pandas
 from pyrobocop_pyomo.phases import note_outcome
 from pyrobocop_pyomo.planning.solve import solve
-from pyrobocop_pyomo.presentation import Presented, aligned, disclosed_text, table
+from pyrobocop_pyomo.presentation import Presented, aligned
 from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason
 
 from .sweep_cases import SweepCase, numbers_of
@@ -170,9 +173,6 @@ class StudyResult(Presented, Sequence[Outcome]):
     # The `CaseSolver` of the model that all cases share; None where each has one of its own.
     _solver: Any = field(default=None, repr=False)
 
-    item: ClassVar[str] = "case"  # what an outcome is of
-    numbered_by: ClassVar[str] = "case"
-
     @property
     def best(self) -> Outcome:
         """The outcome that answers the study, by default the best one, as `Standing` compares results.
@@ -186,7 +186,7 @@ class StudyResult(Presented, Sequence[Outcome]):
         if order and order[0].result is not None:
             return order[0]
         why = self.outcomes[-1].reason if self.outcomes else "Nothing was tried."
-        raise SolveFailed(f"'{self.name}': no {self.item} could be solved. {why}", self)
+        raise SolveFailed(f"'{self.name}': no case could be solved. {why}", self)
 
     @property
     def result(self) -> SolveResult:
@@ -231,50 +231,54 @@ class StudyResult(Presented, Sequence[Outcome]):
         self.result.raise_for_status()
         first = f" The first is {self.failed[0].name}: {self.failed[0].reason}" if self.failed else ""
         raise SolveFailed(
-            f"'{self.name}': {len(self.failed)} {self.item}s were not solved, {len(self.remaining)} not tried.{first}",
+            f"'{self.name}': {len(self.failed)} cases were not solved, {len(self.remaining)} not tried.{first}",
             self,
         )
 
-    def load(self, number: int) -> SolveResult:
-        """Put the data and the point of a case on the model, and return its result.
+    def load(self, place: int) -> SolveResult:
+        """Put the data and the point of an outcome on the model, and return its result.
 
         Parameters
         ----------
-        number : int
-            Of the case, from 0.
+        place : int
+            Of the outcome in this sequence, from 0.
 
         Raises
         ------
         SolveFailed
             When it has no point, or a builder made a model of its own for it.
         """
-        chosen = next((outcome for outcome in self.outcomes if outcome.case.number == number), None)
-        if chosen is None or chosen.result is None:
-            raise SolveFailed(f"'{self.name}': case {number} has no point. {chosen.reason if chosen else ''}", self)
+        chosen = self.outcomes[place]
+        result, number = chosen.result, chosen.case.number
+        if result is None:
+            raise SolveFailed(f"'{self.name}': case {number} has no point. {chosen.reason}", self)
         if self._solver is None:
             raise SolveFailed(f"'{self.name}': a builder makes the model of case {number}; build it again.", self)
         self._solver.put(chosen.case.data).write(chosen.values)
-        note_outcome(self._solver.model, chosen.result.outcome)
-        return chosen.result
+        model = self._solver.model
+        note_outcome(model, result.outcome)
+        blocks = [*avoidance_blocks(model), *containments(model)]
+        if result.safety is None or not blocks:
+            return result
+        # Margins and planes on the model are those of another case: the motion is judged again, as far as it was.
+        equations = PLAN_ALONE not in result.safety.not_replayed
+        safety = joined_report(block.verify(equations=equations) for block in blocks)
+        return replace(result, safety=safety, fingerprint=checksum_of_model(model))
 
     def to_pandas(self) -> Any:
         """A data frame with a row per outcome, in their order."""
-        index = pandas.RangeIndex(1, len(self) + 1, name=self.numbered_by)
+        index = pandas.RangeIndex(1, len(self) + 1, name="case")
         return pandas.DataFrame(self._rows(), index=index)
 
     def table(self) -> str:
         """The outcomes as a table in text; of their reasons the first sentence only."""
-        header, *rows = self._entries()
-        # A number such as 0.5 ends no sentence.
-        rows = [[*others, reason.partition("\n")[0].partition(". ")[0]] for *others, reason in rows]
-        numbers = self._rows()[0].values() if rows else ()
-        return aligned([header, *rows], [">", *("<" if isinstance(each, str) else ">" for each in numbers)])
-
-    def _entries(self) -> list[list[str]]:
-        """The texts of the header, and of one row per outcome; the last column is the reason."""
         rows = self._rows()
-        shown = ([str(number), *map(_shown, row.values())] for number, row in enumerate(rows, start=1))
-        return [[self.numbered_by, *(rows[0] if rows else ())], *shown]
+        for row in rows:  # a number such as 0.5 ends no sentence
+            row["reason"] = row["reason"].partition("\n")[0].partition(". ")[0]
+        first = rows[0] if rows else {}
+        shown = [[str(number), *map(_shown, row.values())] for number, row in enumerate(rows, start=1)]
+        sides = ("<" if isinstance(each, str) else ">" for each in first.values())
+        return aligned([["case", *first], *shown], [">", *sides])
 
     def _rows(self) -> list[dict[str, Any]]:
         """Entries by column: numbers of the cases where they are few, or names; numbers that were read; all others."""
@@ -304,12 +308,8 @@ class StudyResult(Presented, Sequence[Outcome]):
         doubtful = ", DOUBTFUL" if self.doubts else ""
         return f"'{self.name}': {count} outcome{'s' * (count != 1)}, {solved} solved{not_tried}{doubtful}"
 
-    def _html_parts(self) -> list[str]:
-        header, *rows = self._entries()
-        return [*(disclosed_text("DOUBTFUL", doubt) for doubt in self.doubts), table(header, rows)]
-
     def __str__(self) -> str:
-        undone = f"\n{len(self.remaining)} {self.item}s were left undone" if self.remaining else ""
+        undone = f"\n{len(self.remaining)} cases were left undone" if self.remaining else ""
         return "\n".join([*(f"DOUBTFUL: {doubt}" for doubt in self.doubts), self.table() + undone])
 
 

@@ -137,7 +137,6 @@ def sensitivity(
     result: SolveResult,
     parameters: Any,
     *,
-    derivatives_by: str | None = None,
     time_limit: float | None = None,
 ) -> Sensitivity:
     """Differentiate a solution with respect to mutable Params.
@@ -154,8 +153,6 @@ def sensitivity(
         Of that solve.
     parameters : Param, fixed Var, str or list
         What to differentiate for, or names of it. Indexed ones stand for all their members.
-    derivatives_by : {"asl", "casadi"}, optional
-        Where derivatives come from; by default ASL where it is present.
     time_limit : float, optional
         Seconds.
 
@@ -184,7 +181,7 @@ def sensitivity(
     chosen = _members(model, parameters)
     _check(model, result)
     parametric = ParametricModel(model, chosen, deadline)
-    compiled = CompiledModel(parametric.model, derivatives_by, is_view=True)
+    compiled = CompiledModel(parametric.model, is_view=True)
     deadline.check(f"'{model.name}': sensitivity")
     place = {id(variable): i for i, variable in enumerate(compiled.variables)}
     columns = np.array([place.get(id(variable), -1) for variable in parametric.parameter_variables], dtype=np.intp)
@@ -317,7 +314,7 @@ class ParametricModel:
         for objective in source.component_data_objects(Objective, active=True):
             self.model.cost = Objective(expr=self._substituted(objective.expr), sense=objective.sense)
         for row in source.component_data_objects(Constraint, active=True):
-            self._add_row(row.to_bounded_expression(), row.expr, f"'{row.name}'")
+            self._add_row(row, f"'{row.name}'")
         self._add_pairs([canonical_form(stated) for stated in active_sources(source)])
         self._add_moving_bounds()
         unused = [parameter.name for parameter in unread_members(source, parameters)]
@@ -332,21 +329,17 @@ class ParametricModel:
         self._deadline.check(f"'{self._source.name}': sensitivity")
         self.names[id(self.model.rows.add(relation))] = name
 
-    def _add_row(self, bounded: tuple[Any, Any, Any], relation: Any, name: str) -> None:
-        lower, _, upper = bounded
-        new = [self._substituted(part) for part in bounded]
-        if all(part is old for part, old in zip(new, bounded, strict=True)):
-            if lower is not None or upper is not None:
-                self._add(relation, name)
-            return
-        if lower is upper and lower is not None:
-            self._add(new[1] - new[0] == 0, name)
+    def _add_row(self, row: Any, name: str) -> None:
+        lower, body, upper = map(self._substituted, row.to_bounded_expression())
+        least, _, most = row.to_bounded_expression(evaluate_bounds=True)  # None where there is none, or it is infinite
+        if row.equality:
+            self._add(body - lower == 0, name)
             return
         # Two rows for a range: its ends may move apart.
-        if lower is not None:
-            self._add(new[1] - new[0] >= 0, f"the lower bound of {name}")
-        if upper is not None:
-            self._add(new[1] - new[2] <= 0, f"the upper bound of {name}")
+        if least is not None:
+            self._add(body - lower >= 0, f"the lower bound of {name}")
+        if most is not None:
+            self._add(body - upper <= 0, f"the upper bound of {name}")
 
     def _add_pairs(self, forms: Sequence[CanonicalForm]) -> None:
         pairs = [pair for form in forms for pair in form.pairs]
@@ -360,7 +353,7 @@ class ParametricModel:
             for number, relation in enumerate(form.rows):
                 row = Constraint(expr=relation)
                 row.construct()
-                self._add_row(row.to_bounded_expression(), relation, f"row {number + 1} of '{form.source.name}'")
+                self._add_row(row, f"row {number + 1} of '{form.source.name}'")
             for pair in (pair for pair in form.pairs if pair.a_part is SidePart.WHOLE):
                 a, b = side_values(pair)
                 if min(abs(a), abs(b)) > MET:

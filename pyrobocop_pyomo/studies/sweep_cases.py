@@ -77,10 +77,9 @@ def _name_of(data: Any, number: int) -> str:
     numbers = numbers_of(data)
     if isinstance(data, Mapping) and numbers and len(numbers) == len(data):
         return ", ".join(f"{name}={value:.6g}" for name, value in numbers.items())[:60]
-    if isinstance(data, (int, float, str)):
-        return f"{data:.6g}" if isinstance(data, float) else str(data)
-    if isinstance(data, tuple) and all(isinstance(entry, (int, float, str)) for entry in data):
-        return ", ".join(f"{entry:.6g}" if isinstance(entry, float) else str(entry) for entry in data)[:60]
+    entries = data if isinstance(data, tuple) else (data,)
+    if all(isinstance(entry, (int, float, str)) for entry in entries):
+        return ", ".join(f"{entry:.6g}" if isinstance(entry, float) else str(entry) for entry in entries)[:60]
     return f"case {number + 1}"
 
 
@@ -184,23 +183,17 @@ def _checked(chosen: list[Any]) -> list[int | None]:
 
 def _coordinates(cases: Sequence[SweepCase]) -> Array:
     """A point per case, each number relative to its range over the cases; the place in the list where that fails."""
-    rows = [_flat(case.data) for case in cases]
-    usable = len({row.size for row in rows}) == 1 and rows[0].size > 0
-    if not usable or (isinstance(cases[0].data, Mapping) and len({tuple(map(str, case.data)) for case in cases}) > 1):
-        return np.arange(len(cases), dtype=float)[:, None]
-    points = np.array(rows)
+    data = [case.data for case in cases]
+    named_alike = len({tuple(map(str, of)) if isinstance(of, Mapping) else () for of in data}) == 1
+    try:
+        rows = np.array([list(of.values()) if isinstance(of, Mapping) else of for of in data], dtype=float)
+    except (TypeError, ValueError):
+        rows = np.empty(0)
+    if not (named_alike and rows.size and np.isfinite(rows).all()):
+        rows = np.arange(len(cases), dtype=float)
+    points = rows.reshape(len(cases), -1)
     ranges = np.ptp(points, axis=0)
     return points / np.where(ranges > 0.0, ranges, 1.0)
-
-
-def _flat(data: Any) -> Array:
-    """All numbers of a case; none where there is anything else."""
-    values = list(data.values()) if isinstance(data, Mapping) else data if isinstance(data, (list, tuple)) else [data]
-    try:
-        flat = np.concatenate([np.zeros(0), *(np.ravel(np.asarray(value, dtype=float)) for value in values)])
-    except (TypeError, ValueError):
-        return np.zeros(0)
-    return flat if np.isfinite(flat).all() else np.zeros(0)
 
 
 def _nearest(points: Array) -> list[tuple[int, int | None]]:

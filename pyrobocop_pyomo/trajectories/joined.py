@@ -15,7 +15,7 @@ from pyrobocop_pyomo.modeling.variable_families import FamilyNames
 from pyrobocop_pyomo.numerics import Array, Grid, Mesh
 from pyrobocop_pyomo.optional_imports import pandas
 from pyrobocop_pyomo.plotting import mark_phases
-from pyrobocop_pyomo.presentation import Presented, table
+from pyrobocop_pyomo.presentation import Presented
 
 from .trajectory import Trajectory, drawn_parts, family_values, nothing_known
 
@@ -150,10 +150,6 @@ class JoinedTrajectory(Presented):
             f"{count} phase{'s' * (count != 1)} ({', '.join(repr(part.title) for part in self.parts)}): "
             f"{', '.join(self.names)}"
         )
-
-    def _html_parts(self) -> list[str]:
-        rows = [*((name, "state") for name in self.over_time), *((name, "signal") for name in self.over_points)]
-        return [table(("name", "kind"), rows)]
 
 
 def join_trajectories(parts: Iterable[Any]) -> JoinedTrajectory:

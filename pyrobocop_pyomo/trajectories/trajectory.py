@@ -17,7 +17,7 @@ from pyrobocop_pyomo.modeling.variable_families import FamilyNames
 from pyrobocop_pyomo.numerics import Array, Grid, Indices, Mesh, Scheme
 from pyrobocop_pyomo.optional_imports import pandas
 from pyrobocop_pyomo.plotting import plot_signals
-from pyrobocop_pyomo.presentation import Presented, facts_table, table
+from pyrobocop_pyomo.presentation import Presented
 
 from .exchange import read_archive, write_archive
 
@@ -358,13 +358,6 @@ class Trajectory(Presented):
         outcome = "" if self.outcome is None else f", {self.outcome}"
         return f"'{self.name}'{outcome}, t = {start:g} .. {end:g}: {', '.join(of)}: {', '.join(self.names)}"
 
-    def _html_parts(self) -> list[str]:
-        kinds = {**dict.fromkeys(self.states, "state"), **dict.fromkeys(self.expressions, "expression")}
-        signals = {**self.over_time, **self.over_points}
-        rows = [(name, kinds.get(name, "signal"), *_range_of(values)) for name, values in signals.items()]
-        of_signals = table(("name", "kind", "first", "last", "smallest", "largest"), rows)
-        return [of_signals, *([facts_table(self.parameters)] if self.parameters else [])]
-
 
 class _Values(dict[str, Any]):
     """Values by name; those of vectors and matrices are put together when they are requested."""
@@ -445,10 +438,3 @@ def nothing_known(times: Array) -> Array:
 def _apart(pieces: list[Array]) -> Array:
     """Pieces one after the other; a NaN between two breaks the line: what jumps is not drawn as a slope."""
     return np.concatenate([pieces[0], *(part for piece in pieces[1:] for part in ([np.nan], piece))])
-
-
-def _range_of(values: Array) -> tuple[float, float, float, float]:
-    """First, last, smallest and largest value, those that are not known left out."""
-    known = values[np.isfinite(values)]
-    ends = (float(values[0]), float(values[-1]))
-    return (*ends, float(known.min()), float(known.max())) if len(known) else (*ends, np.nan, np.nan)

@@ -97,21 +97,6 @@ def test_a_public_name_has_one_home() -> None:
     assert [name for name, count in Counter(names).items() if count > 1] == []
 
 
-@pytest.mark.parametrize(
-    ("home", "name", "said"),
-    [
-        (rcp, "files", "solve_files"),
-        (rcp, "GaussianProcessMean", "examples/gaussian_process.py"),
-        (rcp.errors, "TeamFailed", "SolveFailed"),
-        (rcp.scenes, "draw_linkage", "mechanism_pictures"),
-        (rcp.relaxations, "Elastic", "'elastic'"),
-    ],
-)
-def test_a_removed_name_says_what_to_write(home: ModuleType, name: str, said: str) -> None:
-    with pytest.raises(AttributeError, match=said):
-        getattr(home, name)
-
-
 def test_completion_offers_the_public_names() -> None:
     assert dir(rcp) == sorted(rcp.__all__)
 

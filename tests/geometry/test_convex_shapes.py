@@ -91,26 +91,3 @@ def test_the_signed_distance_is_the_largest_gap(name: str, seed: int) -> None:
         exact = 1e-6 if found.distance > 0.0 else 2e-3  # depths of ellipsoids are found to a thousandth
         assert gaps.max() <= found.distance + exact * size
         assert found.first_point - found.second_point == pytest.approx(found.distance * found.normal, abs=1e-6 * size)
-
-
-def test_an_ellipse_that_is_a_disc_is_one() -> None:
-    disc, ellipse = Polytope.ball(1.5, (0.3, -0.2)), Polytope.ellipsoid((1.5, 1.5), (0.3, -0.2))
-    box = Polytope.box(1.0, 2.0, center=(4.0, 1.0))
-    for pose in (planar_pose(0.0, 0.0, 0.4), planar_pose(2.0, 0.5, 1.0)):
-        expected = signed_distance(disc, box, pose)
-        found = signed_distance(ellipse, box, pose)
-        assert found.distance == pytest.approx(expected.distance, abs=1e-3 if expected.distance < 0.0 else 1e-8)
-
-
-def test_two_ellipses_along_their_axes() -> None:
-    found = signed_distance(Polytope.ellipsoid((2.0, 1.0)), Polytope.ellipsoid((1.0, 0.5), (4.0, 0.0)))
-    assert found.distance == pytest.approx(1.0, abs=1e-9)
-    assert found.normal == pytest.approx([-1.0, 0.0], abs=1e-6)
-    assert found.first_point == pytest.approx([2.0, 0.0], abs=1e-6)
-
-
-def test_a_quarter_turn_exchanges_the_axes_of_an_ellipse() -> None:
-    turned = Polytope.ellipsoid((2.0, 1.0)).placed(planar_pose(1.0, 0.0, np.pi / 2))
-    low, high = turned.bounding_box
-    assert low == pytest.approx([0.0, -2.0])
-    assert high == pytest.approx([2.0, 2.0])

@@ -280,20 +280,6 @@ def test_flat_bodies_on_a_coarse_grid(seed: int, dimension: int, corners: tuple[
     assert swapped.distance == pytest.approx(found.distance, abs=1e-12)
 
 
-@given(seed=seeds, dimension=dimensions, radii=some.tuples(some.floats(0, 2), some.floats(0, 2)))
-def test_padding_takes_its_radius_off_the_distance(seed: int, dimension: int, radii: tuple[float, float]) -> None:
-    random = np.random.default_rng(seed)
-    first, second = random_body(random, dimension), random_body(random, dimension)
-    pose = random_pose(random, dimension, 3.0)
-    sharp, padded = (
-        signed_distance(first, second, pose),
-        signed_distance(first.padded(radii[0]), second.padded(radii[1]), pose),
-    )
-    assert padded.distance == pytest.approx(sharp.distance - sum(radii), abs=1e-12)
-    assert padded.normal == pytest.approx(sharp.normal)
-    assert padded.first_point - padded.second_point == pytest.approx(padded.distance * padded.normal, abs=1e-9)
-
-
 @given(seed=seeds, dimension=dimensions)
 def test_moving_both_together_changes_nothing(seed: int, dimension: int) -> None:
     random = np.random.default_rng(seed)
@@ -313,12 +299,6 @@ def test_units_of_length_do_not_matter(seed: int, dimension: int, size: float) -
     p, q = random.normal(size=(5, dimension)) + random.normal(size=dimension), random.normal(size=(6, dimension))
     here, there = distance_of_points(p, q), distance_of_points(size * p, size * q)
     assert there.distance == pytest.approx(size * here.distance, abs=1e-9 * size)
-
-
-def test_answers_are_the_same_each_time() -> None:
-    box, pose = Polytope.box(1, 1, 1), spatial_pose((0.2, 0.2, 0.2))
-    found = [signed_distance(box, box, pose) for _ in range(3)]
-    assert len({(one.distance, *one.normal, *one.first_point) for one in found}) == 1
 
 
 def test_bodies_that_have_no_distance_are_named() -> None:
@@ -392,15 +372,12 @@ def test_ellipses_and_ellipsoids_and_polytopes_around_them(semi_axes: list[float
     assert shape.bounding_box[1] == pytest.approx(semi_axes)
 
 
-def test_a_cone_has_its_tip_and_a_frustum_both_circles() -> None:
+def test_a_cone_has_its_tip_and_its_circle() -> None:
     cone = Polytope.cone(1.0, 2.0, (0, 0, 1), (1, 0, 0), sides=8)
     assert np.abs(cone.vertices - [2.0, 0.0, 1.0]).max(axis=1).min() < 1e-12
     assert len(cone.vertices) == 9
     angles = np.linspace(0, 2 * math.pi, 50)
     assert inside(cone, np.column_stack([0 * angles, np.cos(angles), 1 + np.sin(angles)]))
-    frustum = Polytope.cone(1.0, 2.0, top_radius=3.0)
-    assert inside(frustum, np.column_stack([3 * np.cos(angles), 3 * np.sin(angles), 2 + 0 * angles]))
-    assert frustum.excess == pytest.approx(3.0 * (1 / math.cos(math.pi / 16) - 1))
 
 
 def test_the_excess_stays_with_a_shape_that_is_padded_named_or_placed() -> None:
@@ -418,7 +395,6 @@ def test_the_excess_stays_with_a_shape_that_is_padded_named_or_placed() -> None:
         lambda: Polytope.cylinder(1.0, math.inf),
         lambda: Polytope.cylinder(1.0, 1.0, sides=2),
         lambda: Polytope.cylinder(1.0, 1.0, axis=(0, 0, 0)),
-        lambda: Polytope.cone(1.0, 1.0, top_radius=-1.0),
         lambda: Polytope.ellipsoid((1.0,)),
         lambda: Polytope.ellipsoid((1.0, -1.0)),
         lambda: Polytope.ellipsoid((1.0, 1.0), center=(0, 0, 0)),

@@ -1,9 +1,7 @@
-"""Objects show themselves in one short line, and in a notebook as HTML that holds what they hold."""
+"""Objects show themselves in one short line, and in a notebook by their whole text."""
 
 import pickle
 from dataclasses import replace
-from html import escape
-from html.parser import HTMLParser
 from typing import Any
 from xml.etree import ElementTree
 
@@ -14,30 +12,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.presentation import (
-    Html,
-    Presented,
-    as_html,
-    disclosed_text,
-    facts_table,
-    table,
-)
+from pyrobocop_pyomo.presentation import Presented
 from pyrobocop_pyomo.solving import StopReason
 
 LONGEST_LINE = 200
-NAMES = st.text(alphabet=st.characters(blacklist_categories=("Cs", "Cc")), max_size=20)
-NUMBERS = st.floats(-1e9, 1e9, allow_nan=False)
 
 
-def in_order(html: str) -> list[str]:
-    """The text of HTML whose tags must all be closed in order."""
-    ElementTree.fromstring(f"<body>{html}</body>")
-    texts: list[str] = []
-    parser = HTMLParser(convert_charrefs=True)
-    parser.handle_data = texts.append  # type: ignore[method-assign]
-    parser.feed(html)
-    parser.close()
-    return texts
+def text_of(html: str) -> str:
+    """The text of HTML whose tags are all closed in order."""
+    return "".join(ElementTree.fromstring(html).itertext())
 
 
 def cart() -> Any:
@@ -54,27 +37,6 @@ def cart() -> Any:
     return m
 
 
-@given(NAMES, NUMBERS)
-def test_cells_hold_names_and_numbers_and_escape_them(name: str, number: float) -> None:
-    parts = table(("what", "value"), [(name, number)]), facts_table({name: number}), disclosed_text("x", name)
-    html = as_html(name, "", parts)
-    texts = in_order(html)
-    assert "".join(texts).count(name) >= 4
-    assert texts.count(f"{number:.6g}") == 2
-
-
-def test_markup_stays_and_other_text_is_escaped() -> None:
-    assert "<b>" in table(("a",), [(Html("<b>x</b>"),)])
-    assert "<b>" not in table(("a",), [("<b>x</b>",)])
-
-
-def test_a_long_table_says_how_many_rows_it_leaves_out() -> None:
-    texts = in_order(table(("row",), [(row,) for row in range(100)]))
-    assert "... and 60 more" in texts
-    assert "39" in texts
-    assert "40" not in texts
-
-
 @pytest.mark.parametrize(
     "shape",
     [
@@ -85,30 +47,17 @@ def test_a_long_table_says_how_many_rows_it_leaves_out() -> None:
     ],
     ids=lambda shape: str(shape)[:12],
 )
-def test_shapes_show_their_name_and_extent(shape: rcp.Polytope) -> None:
-    assert escape(shape.name) in shape._repr_html_()
-    in_order(shape._repr_html_())
+def test_shapes_show_their_name(shape: rcp.Polytope) -> None:
+    assert text_of(shape._repr_html_()) == str(shape)
     assert len(repr(shape)) < LONGEST_LINE
     assert shape.name in repr(shape)
-    in_order(rcp.Body([shape, shape])._repr_html_())
 
 
 def test_a_phase_shows_its_declarations_in_a_line() -> None:
     phase = cart().cart
     assert repr(phase) == "<PhaseBlock: 'cart': 4 states, 1 control, 4 elements of radau(2)>"
     assert "not constructed" in repr(rcp.PhaseBlock())
-    in_order(rcp.PhaseBlock()._repr_html_())
-
-
-def test_a_trajectory_shows_each_signal_with_its_numbers() -> None:
-    trajectory = cart().cart.trajectory()
-    html = trajectory._repr_html_()
-    texts = in_order(html)
-    for name, values in {**trajectory.states, **trajectory.signals}.items():
-        assert texts[texts.index(name) + 3] == f"{values[-1]:.6g}"
-    assert len(repr(trajectory)) < LONGEST_LINE
-    joined = rcp.join_trajectories([trajectory])
-    assert set(trajectory.names) <= set(in_order(joined._repr_html_()))
+    assert text_of(phase._repr_html_()) == repr(phase)
 
 
 def test_completion_finds_what_was_declared() -> None:
@@ -123,7 +72,7 @@ def test_completion_finds_what_was_declared() -> None:
 
 
 @pytest.mark.casadi
-def test_results_and_reports_are_short_lines_and_small_tables() -> None:
+def test_results_and_reports_are_short_lines_and_whole_texts() -> None:
     m = cart()
     m.cost = pyo.Objective(expr=m.cart.integral(lambda b, t: b.force[t] ** 2))
     result = rcp.solve(m)
@@ -143,11 +92,7 @@ def test_results_and_reports_are_short_lines_and_small_tables() -> None:
         assert len(repr(one)) < LONGEST_LINE
         assert "\n" not in repr(one)
         assert type(one).__name__ in repr(one)
-        html = one._repr_html_()
-        in_order(html)
-        assert len(html) < 30_000
-        for word in ("color:", "background", "<script", "<style"):
-            assert word not in html
+        assert text_of(one._repr_html_()) == str(one)
     for text in (repr(result), result._repr_html_()):
         assert f"objective {result.objective:.6g}" in text
     assert all(hasattr(result, name) for name in dir(result))

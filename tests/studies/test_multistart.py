@@ -171,7 +171,7 @@ def test_the_guess_comes_back_where_nothing_could_be_solved(monkeypatch):
     m = two_valleys()
     found = rcp.studies.multistart(m, 2)
     assert (m.x.value, m.y.value) == (3.2, 0.1)
-    with pytest.raises(SolveFailed, match="no start could be solved"):
+    with pytest.raises(SolveFailed, match="no case could be solved"):
         found.raise_for_status()
 
 
@@ -182,7 +182,7 @@ def test_a_time_limit_leaves_starts_undone():
     assert 0 < len(found.remaining) < 500
     assert len(found) + len(found.remaining) == 500
     assert found.result.steps[0].status is not IpoptStatus.TIME_LIMIT
-    assert f"{len(found.remaining)} starts were left undone" in str(found)
+    assert f"{len(found.remaining)} cases were left undone" in str(found)
 
 
 @pytest.mark.parametrize(

@@ -216,14 +216,6 @@ def test_nothing_of_the_model_changes(answered):
     assert m.z.lower is not None
 
 
-def test_both_sources_of_derivatives_agree(answered):
-    m, result = answered
-    one, other = (rcp.studies.sensitivity(m, result, [m.p], derivatives_by=name) for name in ("asl", "casadi"))
-    names = [v.name for v in other.variables]
-    for variable, row in zip(one.variables, one.matrix, strict=True):
-        assert other.matrix[names.index(variable.name)] == pytest.approx(row, rel=1e-8)
-
-
 def test_a_biactive_pair_is_refused_by_name():
     m = pyo.ConcreteModel()
     m.p = pyo.Param(initialize=1.0, mutable=True)

@@ -4,8 +4,6 @@
 problem with data that may be exchanged, for `rcp.sweep`. `MovingHorizon` estimates while measurements arrive.
 """
 
-from pyrobocop_pyomo.errors import removed_names
-
 from .data_sets import DataSet
 from .fit_statistics import FitStatistics, statistics_of
 from .moving_horizon import MovingHorizon
@@ -18,10 +16,3 @@ __all__ = [
     "MovingHorizon",
     "statistics_of",
 ]
-
-__getattr__ = removed_names(
-    __name__,
-    {
-        "nothing: estimates give its objects back": "EstimatedNumber EstimationResult HorizonEstimate",
-    },
-)

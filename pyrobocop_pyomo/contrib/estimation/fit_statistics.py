@@ -11,7 +11,7 @@ from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.rounding import MET
 from pyrobocop_pyomo.optional_imports import scipy
-from pyrobocop_pyomo.presentation import Presented, table
+from pyrobocop_pyomo.presentation import Presented
 
 from .fit_remarks import RARE, remarks_on_outlier, remarks_on_outputs
 from .problem import EstimationProblem
@@ -77,10 +77,6 @@ class FitStatistics(Presented):
     def _summary(self) -> str:
         pairs = zip(self.names, self.estimates, self.standard_errors, strict=True)
         return ", ".join(f"{name} = {value:.5g} +- {error:.2g}" for name, value, error in pairs)
-
-    def _html_parts(self) -> list[str]:
-        rows = list(zip(self.names, map(float, self.estimates), map(float, self.standard_errors), strict=True))
-        return [table(("unknown", "estimate", "standard error"), rows)]
 
 
 def statistics_of(problem: EstimationProblem) -> FitStatistics:

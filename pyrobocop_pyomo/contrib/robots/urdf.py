@@ -18,7 +18,7 @@ from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Pose
 from pyrobocop_pyomo.motion import Body
 from pyrobocop_pyomo.optional_imports import networkx, yourdfpy
-from pyrobocop_pyomo.presentation import Presented, table
+from pyrobocop_pyomo.presentation import Presented
 
 from .collision_shapes import MESHES, shapes_of_link
 from .kinematics import WITH_A_POSE, WITH_ONE_COORDINATE, Joint, KinematicTree
@@ -67,9 +67,6 @@ class DescribedRobot(Presented):
 
     def _summary(self) -> str:
         return f"'{self.name}': {len(self.bodies)} bodies, {len(self.limits)} joints: {', '.join(self.limits)}"
-
-    def _html_parts(self) -> list[str]:
-        return [table(("joint", "lowest", "highest"), [(name, *map(float, of)) for name, of in self.limits.items()])]
 
 
 def from_urdf(
