@@ -116,11 +116,6 @@ class Consensus:
             count += self.presence(name)
         return total / np.maximum(count, 1)
 
-    def seen_by(self, name: str, other: str, values: Mapping[str, Array]) -> Array:
-        """Another agent's values in the order of the first one's; its own where the other does not hold a value."""
-        is_held = self.of_agent(name, self.presence(other)) > 0
-        return np.where(is_held, self.of_agent(name, self.of_team(other, values[other])), values[name])
-
 
 def _keys_of(fact: ProblemFacts) -> Iterator[Key]:
     return ((quantity.name, key) for quantity in fact.quantities for key in quantity.keys)

@@ -18,7 +18,7 @@ from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
 from .consensus import Consensus
 from .messages import Order, ProblemFacts, Report
-from .rounds import BarrierPath, PlanScore, Round, TargetedPenalties
+from .rounds import PlanScore, Round
 
 logger = logging.getLogger(__name__)
 
@@ -87,9 +87,8 @@ class TeamState:
     mu : float or None
     factors : float array
     target : float array
-        What the hub proposes; the mean of all copies where there is no hub.
+        What the hub proposes; the mean of all copies where there is no hub. In the order of `Consensus.keys`.
     values, multipliers : dict of agent to float array
-    positions : dict of agent to float array
     closing_tried : int
         Number of the round after which the closing step was tried last; -1 where it was not.
     steps : list of (array, array)
@@ -102,7 +101,6 @@ class TeamState:
     target: Array
     values: dict[str, Array]
     multipliers: dict[str, Array]
-    positions: dict[str, Array]
     closing_tried: int = -1
     steps: list[tuple[Array, Array]] = field(default_factory=list)
 
@@ -119,7 +117,7 @@ class TeamState:
     @classmethod
     def of_arrays(cls, arrays: Mapping[str, Array]) -> TeamState:
         """The state that `arrays` gave."""
-        held: dict[str, Any] = {"mu": None, "values": {}, "multipliers": {}, "positions": {}}
+        held: dict[str, Any] = {"mu": None, "values": {}, "multipliers": {}}
         for name, array in arrays.items():
             what, _, agent = name.partition("/")
             if agent:
@@ -148,8 +146,8 @@ class Coordination:
         Empty where there is none.
     nearest : dict of agent to float array
         Positions that it keeps away from in this round.
-    scored : bool
-        Whether the plan of this round is scored.
+    plans : dict of agent to (mapping of component name to float array)
+        The last ones that could be used.
 
     Raises
     ------
@@ -165,10 +163,10 @@ class Coordination:
         specs = team.problem_specs(method)
         self._neighbours = max(spec.neighbours for spec in specs)
         self.facts: dict[str, ProblemFacts] = engine.start(specs)
+        self.plans = {name: fact.plan for name, fact in self.facts.items()}
         self._check()
         self.consensus = Consensus(self.facts, team.shared)
         self.rounds: list[Round] = []
-        self.plans: dict[str, Mapping[str, Array]] = {}
         self.frozen: dict[str, str] = {}
         self._objectives: dict[str, float] = {}
 
@@ -184,7 +182,8 @@ class Coordination:
                     "not share, so that each would choose values of its own. Add Shared(...) with it, such as "
                     "Shared('push[{robot}]') for the wrench of each robot."
                 )
-        if len({fact.positions.shape for fact in self.facts.values() if fact.positions is not None}) > 1:
+        rule = self.team.keep_apart
+        if rule is not None and len({self.plans[robot][rule.components[0]].shape for robot in self.robots}) > 1:
             raise TeamError(
                 "KeepApart: the robots have positions at different numbers of times. Give all the same mesh."
             )
@@ -193,20 +192,42 @@ class Coordination:
         """The state before any round: no values, multipliers zero, penalties as given; mu where there are pairs."""
         has_pairs = any(fact.has_pairs for fact in self.facts.values())
         multipliers = {name: np.zeros(self.facts[name].values.size) for name in self.robots}
-        positions = {name: fact.positions for name, fact in self.facts.items() if fact.positions is not None}
-        return TeamState(
-            0, mu if has_pairs else None, np.ones(len(self.team.shared)), np.zeros(0), {}, multipliers, positions
-        )
+        return TeamState(0, mu if has_pairs else None, np.ones(len(self.team.shared)), np.zeros(0), {}, multipliers)
 
-    def begin_round(self, state: TeamState, *, scored: bool = False) -> None:
+    def begin_round(self) -> None:
         """Forget the reports of the round before, and see who is near."""
         self._asked: dict[str, Report] = {}
         self._failed: dict[str, str] = {}
-        self._started, self.scored = time.perf_counter(), scored
-        self.nearest = self._nearest(state.positions)
+        self._started, self.nearest = time.perf_counter(), self._nearest()
 
-    def ask(self, orders: Mapping[str, Order]) -> dict[str, Report]:
-        """Have orders carried out; only the reports that can be used come back."""
+    def ask(self, orders: Mapping[str, Order], *, until_all: bool = False) -> dict[str, Report]:
+        """Have orders carried out; only the reports that can be used come back.
+
+        Parameters
+        ----------
+        orders : mapping of agent to Order
+        until_all : bool
+            Ask again for those that are missing: a report may have been lost on its way.
+
+        Raises
+        ------
+        TeamError
+            Where one is missing all the same: without a first point of an agent there is nothing to go on from.
+        """
+        reports = self._ask(orders)
+        for _ in range(_FIRST_TRIES if until_all else 0):
+            missing = {name: order for name, order in orders.items() if name not in reports}
+            reports.update(self._ask(missing) if missing else {})
+        for name in orders if until_all else ():
+            if name not in reports:
+                raise TeamError(
+                    f"agent '{name}' found no point in its first round ({self._failed.get(name, 'no report')}). Check "
+                    "its model alone: build it and call rcp.solve, or rcp.diagnose. If rcp.solve succeeds by other "
+                    "starts or rounds, which agents do not make, let the builder initialize its phases with that plan."
+                )
+        return reports
+
+    def _ask(self, orders: Mapping[str, Order]) -> dict[str, Report]:
         wanted = {name: order for name, order in orders.items() if name not in self.frozen}
         usable: dict[str, Report] = {}
         for name, reply in self.engine.solve(wanted).items():
@@ -223,34 +244,10 @@ class Coordination:
             if reply.usable and np.isfinite(reply.values).all():
                 usable[name] = reply
                 self._objectives[name] = reply.objective
-                if reply.plan:
-                    self.plans[name] = reply.plan
+                self.plans[name] = reply.plan
             else:
                 self._failed[name] = f"Ipopt: {reply.status}"
         return usable
-
-    def ask_until_all(self, orders: Mapping[str, Order]) -> dict[str, Report]:
-        """Have orders carried out, again for those without a point: a report may have been lost on its way.
-
-        Raises
-        ------
-        TeamError
-            Without a first point of an agent there is nothing to go on from.
-        """
-        reports = self.ask(orders)
-        for _ in range(_FIRST_TRIES):
-            missing = {name: order for name, order in orders.items() if name not in {*reports, *self.frozen}}
-            if not missing:
-                break
-            reports.update(self.ask(missing))
-        for name in orders:
-            if name not in reports:
-                raise TeamError(
-                    f"agent '{name}' found no point in its first round ({self._failed.get(name, 'no report')}). Check "
-                    "its model alone: build it and call rcp.solve, or rcp.diagnose. If rcp.solve succeeds by other "
-                    "starts or rounds, which agents do not make, let the builder initialize its phases with that plan."
-                )
-        return reports
 
     def all_values(self) -> dict[str, Mapping[str, Array]]:
         """Values of all variables, by agent and by name in its own model."""
@@ -259,23 +256,15 @@ class Coordination:
             values = {**reply, **values}
         return values
 
-    @staticmethod
-    def take(state: TeamState, reports: Mapping[str, Report]) -> None:
-        """Put the robots' new values and positions into the state; the others keep theirs."""
-        state.values.update({name: report.values for name, report in reports.items()})
-        state.positions.update({name: r.positions for name, r in reports.items() if r.positions is not None})
+    def go_on_from(self, states: Mapping[str, Mapping[str, Array]]) -> None:
+        """Put agents into states that the engine gave, and see what their plans are there."""
+        self.engine.restore(states)
+        self.plans.update(self.engine.call_all("plan", dict.fromkeys(self.facts, ())))
 
-    def end_round(
-        self,
-        state: TeamState,
-        residuals: Residuals,
-        barrier: BarrierPath,
-        penalties: TargetedPenalties | None,
-    ) -> Round:
-        """Record the round, with its score where it is wanted, and move the schedules on."""
-        score = None
-        if self.scored and set(self.plans) >= set(self.robots):
-            score = self.team.physics(self.plans)
+    def end_round(self, state: TeamState, residuals: Residuals, *, scored: bool) -> Round:
+        """Record the round, with the score of its plan where that is wanted and there is physics."""
+        physics = self.team.physics
+        score = physics(self.plans) if scored and physics is not None else None
         record = Round(
             state.round,
             state.mu,
@@ -289,23 +278,19 @@ class Coordination:
             self.hub or None,
         )
         self.rounds.append(record)
-        if penalties is not None:
-            state.factors = penalties.after(state.factors, state.mu, record.scaled)
-        if state.mu is not None:
-            state.mu = barrier.after(state.mu, record.disagreement)
         state.round += 1
         return record
 
-    def residuals(self, state: TeamState, agreed: Array, before: Array) -> tuple[Residuals, dict[str, Array]]:
-        """Disagreement, change and scaled disagreement, as a `Round` has them, and each robot's gap."""
+    def residuals(self, state: TeamState, before: Array) -> tuple[Residuals, dict[str, Array]]:
+        """Disagreement, change from the target before and scaled disagreement, as a `Round` has them, and each robot's
+        gap to the target."""
         disagreement, change, scaled = np.zeros((3, len(self.team.shared)))
+        np.maximum.at(change, self.consensus.groups, np.abs(state.target - before))
         gaps = {}
         for name in self.robots:
-            fact, own = self.facts[name], self.consensus.of_agent(name, agreed)
-            gaps[name] = self.consensus.masked(name, state.values[name]) - own
-            moved = own - self.consensus.of_agent(name, before)
+            fact, agreed = self.facts[name], self.consensus.of_agent(name, state.target)
+            gaps[name] = self.consensus.masked(name, state.values[name]) - agreed
             np.maximum.at(disagreement, fact.groups, np.abs(gaps[name]))
-            np.maximum.at(change, fact.groups, np.abs(moved))
             np.maximum.at(scaled, fact.groups, np.sqrt(fact.penalties) * np.abs(gaps[name]))
         return (disagreement, change, scaled), gaps
 
@@ -316,14 +301,15 @@ class Coordination:
             return 1e-8
         return max(1e-6, mu if mu > 1.5e-3 else 0.1 * mu)
 
-    def _nearest(self, positions: Mapping[str, Array]) -> dict[str, Array]:
+    def _nearest(self) -> dict[str, Array]:
         """For each robot the positions of the nearest others, at each time of their own."""
         if not self._neighbours:
             return {}
-        names, points = list(positions), np.array(list(positions.values()))
+        components = self.team.keep_apart.components
+        points = np.array([[self.plans[robot][component] for component in components] for robot in self.robots])
         distances = np.linalg.norm(points[:, None] - points[None], axis=2)
         nearest: dict[str, Array] = {}
-        for i, name in enumerate(names):
+        for i, name in enumerate(self.robots):
             distances[i, i] = np.inf
             # Stable, so that equal distances are taken in the same order everywhere.
             order = np.argsort(distances[i], axis=0, kind="stable")[: self._neighbours]

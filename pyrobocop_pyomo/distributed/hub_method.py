@@ -13,7 +13,6 @@ from pyrobocop_pyomo.numerics import Array
 from .coordination import Coordination, Residuals, TeamState, extrapolated
 from .messages import Order, ProblemFacts, Report
 from .method import FIRST_ITERATIONS, Method
-from .rounds import TargetedPenalties
 
 
 @dataclass(frozen=True)
@@ -60,11 +59,11 @@ class Hub(Method):
         """Ask the hub for a first motion of the object, and start there."""
         hub, state = work.hub, work.first_state(self.barrier.start)
         single = np.array([self.object_first if shared.of_one_robot else 0.0 for shared in work.team.shared])
-        work.begin_round(state)
+        work.begin_round()
         zero = np.zeros(work.facts[hub].values.size)
         weights = self._weights_in_time(work.facts[hub])
         order = self.order(work, hub, state, zero, single, first=True, tolerance=1e-6, weights=weights)
-        state.target = work.ask_until_all({hub: order})[hub].values
+        state.target = work.consensus.of_team(hub, work.ask({hub: order}, until_all=True)[hub].values)
         return state
 
     def _weights_in_time(self, facts: ProblemFacts) -> Array:
@@ -74,30 +73,24 @@ class Hub(Method):
 
     def order_of_robot(self, work: Coordination, name: str, state: TeamState, *, first: bool) -> Order:
         """Its objective with the pull of the hub's proposal."""
-        fact, hub, factors = work.facts[name], work.hub, state.factors
-        proposal = work.consensus.of_agent(name, work.consensus.of_team(hub, state.target))
-        linear = state.multipliers[name] - fact.weighted(factors, proposal)
-        start = work.consensus.seen_by(name, hub, {hub: state.target, name: fact.values}) if first else None
-        return self.order(work, name, state, linear, factors, first=first, values=start)
+        proposal = work.consensus.of_agent(name, state.target)
+        linear = state.multipliers[name] - work.facts[name].weighted(state.factors, proposal)
+        start = proposal if first else None
+        return self.order(work, name, state, linear, state.factors, first=first, values=start)
 
-    def agree(
-        self, work: Coordination, state: TeamState, reports: Mapping[str, Report]
-    ) -> tuple[Residuals, TargetedPenalties | None]:
+    def agree(self, work: Coordination, state: TeamState, reports: Mapping[str, Report]) -> Residuals:
         """The hub, then the multipliers."""
-        # A round without all robots is no value of the map that the acceleration learns.
-        accelerated = state.mu is None and len(reports) == len(work.robots)
-        before, at = state.target, _point(work, state) if accelerated else None
+        at, before = _point(work, state), state.target
         state.target = self._hub_values(work, state)
-        hub, of_team = work.hub, work.consensus.of_team
-        residuals, gaps = work.residuals(state, of_team(hub, state.target), of_team(hub, before))
+        residuals, gaps = work.residuals(state, before)
         for name in reports:  # the multipliers of a robot without a new plan stay
             pull = work.facts[name].weighted(state.factors, gaps[name])
             state.multipliers[name] = state.multipliers[name] + pull
-        if at is None:
+        if state.mu is None and len(reports) == len(work.robots):
+            _go_to(work, state, extrapolated(state.steps, at, _point(work, state)))
+        else:  # a round without all robots is no value of the map that the acceleration learns
             state.steps.clear()
-            return residuals, self.penalties
-        _go_to(work, state, extrapolated(state.steps, at, _point(work, state)))
-        return residuals, None  # the acceleration learns the map of these penalties
+        return residuals
 
     def _hub_values(self, work: Coordination, state: TeamState) -> Array:
         hub = work.hub
@@ -111,7 +104,7 @@ class Hub(Method):
         linear = work.consensus.of_agent(hub, linear_of_team)
         order = self.order(work, hub, state, linear, state.factors * holders, iterations=FIRST_ITERATIONS)
         reports = work.ask({hub: order})
-        return reports[hub].values if hub in reports else state.target
+        return work.consensus.of_team(hub, reports[hub].values) if hub in reports else state.target
 
 
 def _point(work: Coordination, state: TeamState) -> Array:
@@ -127,5 +120,5 @@ def _go_to(work: Coordination, state: TeamState, point: Array) -> None:
 
 def _scales(work: Coordination) -> Array:
     """Square roots of the penalties as given, for the target; their inverses, for the robots' multipliers."""
-    of_hub = np.sqrt(work.facts[work.hub].penalties)
-    return np.concatenate([of_hub, *(1.0 / np.sqrt(work.facts[name].penalties) for name in work.robots)])
+    of_team = np.sqrt(work.consensus.of_team(work.hub, work.facts[work.hub].penalties))
+    return np.concatenate([of_team, *(1.0 / np.sqrt(work.facts[name].penalties) for name in work.robots)])

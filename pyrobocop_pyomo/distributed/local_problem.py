@@ -100,7 +100,7 @@ class LocalProblem:
         self._coordinates = [] if rule is None else [self._coordinate(name) for name in rule.components]
         if rule is not None and spec.neighbours:
             self._keep_apart(rule, spec.neighbours)
-        self.read(spec.plan)  # refuses names of nothing
+        self.plan()  # refuses names of nothing
         self._barrier = None
         self._shift: TimeShift | None = None
         if active_sources(self.model):
@@ -177,11 +177,6 @@ class LocalProblem:
             ),
         )
 
-    def _read_positions(self) -> Array | None:
-        if not self._coordinates:
-            return None
-        return np.array([variable_numbers(coordinate.values()) for coordinate in self._coordinates])
-
     # ---------------------------------------------------------------- what an engine asks for
 
     def facts(self) -> ProblemFacts:
@@ -193,7 +188,7 @@ class LocalProblem:
             self._barrier is not None,
             variable_numbers(self._variables),
             np.array([variable.fixed for variable in self._variables], dtype=bool),
-            self._read_positions(),
+            self.plan(),
             {name: tuple(self._own_controls(part)) for name, part in self._merged.parts.items()},
         )
 
@@ -234,8 +229,7 @@ class LocalProblem:
             outcome.iterations,
             time.process_time() - started,
             self._own_objective(),
-            self._read_positions(),
-            self.read(self.spec.plan) if order.with_plan else {},
+            self.plan(),
         )
 
     def state(self) -> dict[str, Array]:
@@ -264,6 +258,10 @@ class LocalProblem:
         """
         return {name: float(paths[0][element].value) for name, paths in self._paths_of_states().items()}
 
+    def plan(self) -> dict[str, Array]:
+        """What the coordinator reads of it."""
+        return self.read(self.spec.plan)
+
     def read(self, names: Iterable[str]) -> dict[str, Array]:
         """Values of components over their index, by name."""
         return {name: variable_numbers(self._component(name).values()) for name in names}
@@ -279,7 +277,7 @@ class LocalProblem:
 
     def advance(
         self, start: Mapping[str, float], elements: int = 1, multipliers: Array | None = None
-    ) -> tuple[Array, Array | None, Array | None]:
+    ) -> tuple[Array, dict[str, Array], Array | None]:
         """Move the plan ahead in time, and multipliers with it; what comes after its end stays as the last element.
 
         Parameters
@@ -292,8 +290,8 @@ class LocalProblem:
 
         Returns
         -------
-        tuple of float arrays
-            Shared values and positions, as in `Report`, and the multipliers, moved as the values are.
+        tuple
+            Shared values and the plan, as in `Report`, and the multipliers, moved as the values are.
 
         Raises
         ------
@@ -313,7 +311,7 @@ class LocalProblem:
             self.nlp.restore(PrimalDualPoint(x) if state is None else replace(state, x=x))
         if start:
             self._start_at(start)
-        return variable_numbers(self._variables), self._read_positions(), multipliers
+        return variable_numbers(self._variables), self.plan(), multipliers
 
     def _paths_of_states(self) -> dict[str, list[list[Any]]]:
         """Variables over time of the states that start where they are told, by name: one list in each agent's model."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -44,8 +44,8 @@ class ProblemFacts:
     has_pairs : bool
     values, fixed : float and bool arrays, shape (n,)
         First values of the shared variables, and which are fixed.
-    positions : float array, shape (coordinates, times), or None
-        First positions, where robots are kept apart.
+    plan : mapping of component name to float array
+        The first one: what the physical score reads, and where robots are that are kept apart.
     own_controls : mapping of agent to tuple of str
         Controls of the phases of each agent whose model is in the problem: those that are free and not shared.
     """
@@ -56,7 +56,7 @@ class ProblemFacts:
     has_pairs: bool
     values: Array
     fixed: np.ndarray
-    positions: Array | None
+    plan: Mapping[str, Array]
     own_controls: Mapping[str, tuple[str, ...]]
 
     def weighted(self, factors: Array, values: Array | float) -> Array:
@@ -86,8 +86,6 @@ class Order:
         Where the shared variables start, if not where they are.
     others : float array, shape (neighbours, coordinates, times), or None
         Positions to keep away from.
-    with_plan : bool
-        Whether the report has the plan, which the physical score needs.
     """
 
     linear: Array
@@ -99,7 +97,6 @@ class Order:
     warm: bool = True
     values: Array | None = None
     others: Array | None = None
-    with_plan: bool = False
 
 
 @dataclass(frozen=True)
@@ -118,9 +115,7 @@ class Report:
     cpu_seconds : float
     objective : float
         The agent's own, without the terms of the team.
-    positions : float array, shape (coordinates, times), or None
     plan : mapping of component name to float array
-        Empty unless the order asked for it.
     """
 
     values: Array
@@ -129,5 +124,4 @@ class Report:
     iterations: int
     cpu_seconds: float
     objective: float
-    positions: Array | None = None
-    plan: Mapping[str, Array] = field(default_factory=dict)
+    plan: Mapping[str, Array]

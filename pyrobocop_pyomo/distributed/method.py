@@ -103,7 +103,6 @@ class Method(ABC):
             "iterations": max(FIRST_ITERATIONS, self.iterations) if first else self.iterations,
             "warm": not first,
             "others": work.nearest.get(name),
-            "with_plan": work.scored,
         }
         return Order(linear, fact.weighted(factors, weights), mu, **{**usual, **further})
 
@@ -113,27 +112,23 @@ class Method(ABC):
 
     def round(self, work: Coordination, state: TeamState) -> Round:
         """Carry out a round: all robots, then what they agree on and their multipliers."""
-        is_late = self.until == "rounds" or state.mu is None or state.mu <= self.score_below
-        work.begin_round(state, scored=work.team.physics is not None and is_late)
-        is_first = not state.values.keys() >= set(work.robots)
-        ask = work.ask_until_all if is_first else work.ask
-        reports = ask({name: self.order_of_robot(work, name, state, first=is_first) for name in work.robots})
-        work.take(state, reports)
-        residuals, penalties = self.agree(work, state, reports)
-        return work.end_round(state, residuals, self.barrier, penalties)
+        work.begin_round()
+        is_first, is_late = not state.values, self.until == "rounds" or state.mu is None or state.mu <= self.score_below
+        orders = {name: self.order_of_robot(work, name, state, first=is_first) for name in work.robots}
+        reports = work.ask(orders, until_all=is_first)
+        state.values.update({name: report.values for name, report in reports.items()})
+        residuals = self.agree(work, state, reports)
+        record = work.end_round(state, residuals, scored=is_late)
+        if self.penalties is not None and (state.mu is not None or not self.has_hub):
+            state.factors = self.penalties.after(state.factors, state.mu, record.scaled)
+        if state.mu is not None:
+            state.mu = self.barrier.after(state.mu, record.disagreement)
+        return record
 
     @abstractmethod
     def order_of_robot(self, work: Coordination, name: str, state: TeamState, *, first: bool) -> Order:
         """What a robot solves in a round."""
 
     @abstractmethod
-    def agree(
-        self, work: Coordination, state: TeamState, reports: Mapping[str, Report]
-    ) -> tuple[Residuals, TargetedPenalties | None]:
-        """Move target and multipliers on after the robots' reports.
-
-        Returns
-        -------
-        tuple
-            Residuals as `Coordination.residuals` gives them, and how penalties move after this round.
-        """
+    def agree(self, work: Coordination, state: TeamState, reports: Mapping[str, Report]) -> Residuals:
+        """Move target and multipliers on after the robots' reports; gives the residuals of the round."""

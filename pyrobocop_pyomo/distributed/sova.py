@@ -6,15 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
-from pyrobocop_pyomo.numerics import Array
-
 from .coordination import Coordination, Residuals, TeamState
 from .local_problem import DELTA
 from .messages import Order, Report
 from .method import Method
-from .rounds import BarrierPath, TargetedPenalties
+from .rounds import BarrierPath
 
 
 @dataclass(frozen=True)
@@ -62,38 +58,32 @@ class Sova(Method):
     def begin(self, work: Coordination) -> TeamState:
         """A first plan of each robot alone, as if the others did whatever helps it."""
         state = work.first_state(self.barrier.start)
-        work.begin_round(state)
+        work.begin_round()
         factors = state.factors * self.regularisation
         orders = {
             name: self.order(work, name, state, zero, factors, first=True) for name, zero in state.multipliers.items()
         }
-        work.take(state, work.ask_until_all(orders))
+        state.values.update({name: report.values for name, report in work.ask(orders, until_all=True).items()})
         state.target = work.consensus.mean(state.values)
         return state
 
     def order_of_robot(self, work: Coordination, name: str, state: TeamState, *, first: bool) -> Order:
         """Its objective with the pull of all others."""
-        others = len(work.robots) - 1
-        middles = others * state.values[name] + self._of_all_others(work, name, state)
-        pull = work.facts[name].weighted(state.factors, work.consensus.masked(name, middles))
-        return self.order(work, name, state, state.multipliers[name] - pull, 2.0 * others * state.factors)
+        # The sum over all others of what is between this robot's values and theirs, with the mean of all.
+        count = len(work.robots)
+        between = work.consensus.of_agent(name, count * state.target)
+        between += (count - 2) * work.consensus.masked(name, state.values[name])
+        pull = work.facts[name].weighted(state.factors, between)
+        return self.order(work, name, state, state.multipliers[name] - pull, 2.0 * (count - 1) * state.factors)
 
-    def agree(
-        self, work: Coordination, state: TeamState, reports: Mapping[str, Report]
-    ) -> tuple[Residuals, TargetedPenalties | None]:
+    def agree(self, work: Coordination, state: TeamState, reports: Mapping[str, Report]) -> Residuals:
         """The mean of all, and the multipliers of all."""
         before, state.target = state.target, work.consensus.mean(state.values)
-        for name in work.robots:
-            apart = (len(work.robots) - 1) * state.values[name] - self._of_all_others(work, name, state)
-            state.multipliers[name] = state.multipliers[name] + work.facts[name].weighted(state.factors, apart)
-        residuals, _ = work.residuals(state, state.target, before)
-        return residuals, self.penalties
-
-    @staticmethod
-    def _of_all_others(work: Coordination, name: str, state: TeamState) -> Array:
-        """Sum of the values of all others, in the order of a robot's."""
-        others = (other for other in work.robots if other != name)
-        return sum((work.consensus.seen_by(name, other, state.values) for other in others), np.zeros(1))
+        residuals, gaps = work.residuals(state, before)
+        for name, gap in gaps.items():  # of a complete graph: as often from the mean as there are robots
+            apart = work.facts[name].weighted(state.factors, len(work.robots) * gap)
+            state.multipliers[name] = state.multipliers[name] + apart
+        return residuals
 
     def order(self, work: Coordination, name: str, state: TeamState, *arguments: Any, **further: Any) -> Order:
         """As of `Method`; the paper solves the problem with its delta, from the primal point."""

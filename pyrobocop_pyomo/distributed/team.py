@@ -162,10 +162,10 @@ class Team:
         return specs
 
     def _components_of_plans(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """What the plans of robots and of the hub have where there is physics: what it reads, and positions."""
-        if self.physics is None:
-            return (), ()
+        """What the plans of robots and of the hub have: what physics reads, and positions."""
         positions = () if self.keep_apart is None else self.keep_apart.components
+        if self.physics is None:
+            return positions, ()
         return (*self.physics.robot_components, *positions), tuple(self.physics.hub_components)
 
     def _shared_by(self, robots: Sequence[str]) -> tuple[tuple[int, Shared, tuple[str, ...]], ...]:
@@ -303,7 +303,7 @@ class _Rounds:
                 record = method.round(work, state)
                 self._keep_best(ClosedPlan(dict(work.plans), record.score, record.objective))
                 self._progress.live(self._line(record))
-                done = self._is_done(state, record) or self._is_closed(state, record)
+                done = self._is_done(record) or self._is_closed(state, record)
                 if path is not None:
                     self._save(path, mark, state)
                 if self._on_round is not None and self._on_round(record) is False:
@@ -315,11 +315,11 @@ class _Rounds:
         self._progress.line(self._line(work.rounds[-1]))
         return self._result(state)
 
-    def _is_done(self, state: TeamState, record: Round) -> bool:
+    def _is_done(self, record: Round) -> bool:
         method = self._method
         without_physics = self._team.physics is None
         ends = record.agrees(method.tolerance) if without_physics else ends_rounds(record.score, method.until)
-        return ends and self._team.keeps_apart(self._places(state))
+        return ends and self._team.keeps_apart(self._work.plans)
 
     def _is_closed(self, state: TeamState, record: Round) -> bool:
         """Whether one planner could make exact what the agents have nearly agreed on."""
@@ -327,7 +327,7 @@ class _Rounds:
         if closing is None or not closing.is_due(record, state.closing_tried):
             return False
         state.closing_tried = record.number
-        closed = closing.carry_out(self._team, self._work.all_values())
+        closed = closing.carry_out(self._team, self._work.all_values(), has_pairs=record.mu is not None)
         self._closings.append(closed)
         self._keep_best(closed)
         is_enough = closed.holds if self._team.physics is None else ends_rounds(closed.score, self._method.until)
@@ -339,11 +339,6 @@ class _Rounds:
         is_known = found.holds if self._team.physics is None else found.score is not None
         if is_known and (best is None or worth(found.score, found.plans) >= worth(best.score, best.plans)):
             self._best = found
-
-    def _places(self, state: TeamState) -> Plans:
-        """Where the robots were last."""
-        names = () if self._team.keep_apart is None else self._team.keep_apart.components
-        return {robot: dict(zip(names, places, strict=True)) for robot, places in state.positions.items()}
 
     def _line(self, record: Round) -> str:
         apart = " ".join(f"{gap:.1e}" for gap in record.disagreement)
@@ -364,10 +359,11 @@ class _Rounds:
             best = ClosedPlan(dict(plans), None, work.rounds[-1].objective)
         agreement = best.holds or (bool(work.rounds) and work.rounds[-1].agrees(self._method.tolerance))
         source = work.hub or work.robots[0]
-        target = state.target if work.hub else work.consensus.of_agent(source, state.target)
-        quantities = work.facts[source].quantities
-        ends = np.cumsum([len(quantity.keys) for quantity in quantities])[:-1]
-        agreed = {of.name: values for of, values in zip(quantities, np.split(target, ends), strict=True)}
+        fact, of_agent = work.facts[source], work.consensus.of_agent
+        # What is fixed wherever it exists needs no agreement.
+        values = np.where(of_agent(source, np.ones_like(state.target)) > 0, of_agent(source, state.target), fact.values)
+        ends = np.cumsum([len(quantity.keys) for quantity in fact.quantities])[:-1]
+        agreed = {of.name: numbers for of, numbers in zip(fact.quantities, np.split(values, ends), strict=True)}
         agreed.update({name: best.plans[source][name] for name in agreed if best.holds and name in best.plans[source]})
         return TeamResult(
             best.plans, dict(state.values), agreed, work.rounds, best.score, agreement, names,
@@ -390,5 +386,5 @@ class _Rounds:
                     raise TeamError(
                         f"{path}: '{name}' of {owner} has values that are not finite. Delete the file to start anew."
                     )
-        self._work.engine.restore(saved.states)
+        self._work.go_on_from(saved.states)
         return TeamState.of_arrays(saved.coordinator)

@@ -174,14 +174,11 @@ class TeamHorizon:
         """Move the plans of all agents ahead, and take over what they share then."""
         work = self._work
         asked = {name: (start, elements, state.multipliers.get(name)) for name, start in starts.items()}
-        for name, (values, positions, multipliers) in self.engine.call_all("advance", asked).items():
-            if positions is not None:
-                state.positions[name] = positions
+        for name, (values, work.plans[name], multipliers) in self.engine.call_all("advance", asked).items():
             if name == work.hub:
-                state.target = values
-                continue
-            state.values[name] = values
-            state.multipliers[name] = multipliers
+                state.target = work.consensus.of_team(name, values)
+            else:
+                state.values[name], state.multipliers[name] = values, multipliers
         if not work.hub:
             state.target = work.consensus.mean(state.values)
 
