@@ -25,7 +25,7 @@ from pyrobocop_pyomo.studies.persistent_nlp import PersistentNLP
 from .agents import Agent, KeepApart, Shared
 from .merging import merge_agents, variable_numbers, variables_behind
 from .messages import Order, ProblemFacts, QuantityFacts, Report
-from .shifting import TimeShift
+from .shifting import later_variables
 
 FAR_AWAY = 1e3  # metres: where a neighbour stands that a robot does not have
 DELTA = FollowBarrier(floor=1e-9, factor=2.0)
@@ -101,32 +101,19 @@ class LocalProblem:
         if rule is not None and spec.neighbours:
             self._keep_apart(rule, spec.neighbours)
         self.plan()  # refuses names of nothing
-        self._barrier = None
-        self._shift: TimeShift | None = None
-        if active_sources(self.model):
+        self._later: tuple[list[Any], list[int]] | None = None
+        self._has_pairs = bool(active_sources(self.model))
+        if self._has_pairs:
             relax(self.model, delta=1.0)
-            self._barrier = _OrderedDelta()
+        barrier = DELTA if self._has_pairs else None
         self.nlp = PersistentNLP(
-            self.model,
-            IPOPT_OPTIONS,
-            barrier=self._barrier,
-            quadratic=self.cost,
-            go_on_after_limit=True,
+            self.model, IPOPT_OPTIONS, barrier=barrier, quadratic=self.cost, go_on_after_limit=True
         )
 
     # ---------------------------------------------------------------- building
 
-    def _component(self, name: str) -> Any:
-        component = self._merged.find(name)
-        if component is None:
-            known = ", ".join(c.name for c in self.model.component_objects(Var, descend_into=True)) or "none"
-            raise TeamError(
-                f"agent '{self.spec.name}': its model has no component '{name}'. Its variables are {known}."
-            )
-        return component
-
     def _coordinate(self, name: str) -> Any:
-        component = self._component(name)
+        component = self._merged.find(name)
         if component.ctype is not Var or not component.is_indexed():
             raise TeamError(
                 f"agent '{self.spec.name}': KeepApart has '{name}', a {type(component).__name__}. Name variables over "
@@ -136,7 +123,7 @@ class LocalProblem:
 
     def _share(self, name: str) -> Iterator[tuple[object, ...]]:
         """Add what a name stands for to the shared variables; gives the indices of each."""
-        component = self._component(name)
+        component = self._merged.find(name)
         found = variables_behind(component)
         if not found:
             raise TeamError(
@@ -185,7 +172,7 @@ class LocalProblem:
             tuple(self._quantities),
             self._groups,
             self._penalties,
-            self._barrier is not None,
+            self._has_pairs,
             variable_numbers(self._variables),
             np.array([variable.fixed for variable in self._variables], dtype=bool),
             self.plan(),
@@ -216,11 +203,11 @@ class LocalProblem:
                 parameter.set_value(number)
         self.cost.linear[:] = order.linear
         self.cost.diagonal[:] = order.diagonal
-        if self._barrier is not None:
-            self._barrier.fixed = None if order.mu is not None else order.delta
+        if order.delta is not None:  # the same for every mu below 1
+            self.nlp.barrier = FollowBarrier(floor=order.delta, factor=order.delta)
         options: dict[str, Any] = {"tol": order.tolerance, "max_iter": order.iterations}
         started = time.process_time()
-        outcome = self.nlp.solve(options, warm=order.warm, mu=order.mu or 1e-4, mu_target=order.mu)
+        outcome = self.nlp.solve(options, warm=order.delta is None, mu=order.mu or 1e-4, mu_target=order.mu)
         usable = self.nlp.goes_on_from_last_point
         return Report(
             variable_numbers(self._variables),
@@ -264,7 +251,7 @@ class LocalProblem:
 
     def read(self, names: Iterable[str]) -> dict[str, Array]:
         """Values of components over their index, by name."""
-        return {name: variable_numbers(self._component(name).values()) for name in names}
+        return self._merged.values_of(names)
 
     def all_values(self) -> dict[str, dict[str, Array]]:
         """Values of all variables over their index, by agent and by name in its own model."""
@@ -298,16 +285,16 @@ class LocalProblem:
         TeamError
             When the phases have no fixed, equal elements.
         """
-        if self._shift is None:
-            self._shift = TimeShift(self.model, self.nlp.compiled.variables)
-        shift, state = self._shift, self.nlp.state
+        if self._later is None:
+            place = {id(variable): i for i, variable in enumerate(self._variables)}
+            shared = [place.get(id(v), i) for i, v in enumerate(later_variables(self.model, self._variables))]
+            self._later = later_variables(self.model, self.nlp.compiled.variables), shared
+        (later, shared), state = self._later, self.nlp.state
         if state is not None:
             self.nlp.restore(state)  # what a solve that failed has left on the model is of no use
-        place = {id(variable): i for i, variable in enumerate(self._variables)}
-        sources = [place.get(id(shift.later(variable)), i) for i, variable in enumerate(self._variables)]
         for _ in range(elements):
-            multipliers = None if multipliers is None else multipliers[sources]
-            x = shift.values()
+            multipliers = None if multipliers is None else multipliers[shared]
+            x = variable_numbers(later)
             self.nlp.restore(PrimalDualPoint(x) if state is None else replace(state, x=x))
         if start:
             self._start_at(start)
@@ -336,16 +323,3 @@ class LocalProblem:
             return 0.0 if objective is None else float(value(objective))
         except (ArithmeticError, EvaluationError, ValueError):
             return float("nan")
-
-
-class _OrderedDelta:
-    """delta as an order says: twice the barrier parameter, or fixed."""
-
-    def __init__(self) -> None:
-        self.fixed: float | None = None
-
-    def delta_for(self, mu: float) -> float:
-        return DELTA.delta_for(mu) if self.fixed is None else self.fixed
-
-    def steps(self) -> Iterator[float]:
-        yield from DELTA.steps()

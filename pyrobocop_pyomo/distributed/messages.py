@@ -76,12 +76,10 @@ class Order:
     mu : float or None
         The barrier problem to solve; None for the problem itself, with the delta of `delta`.
     delta : float or None
-        Of relaxed pairs, where mu is None.
+        Of relaxed pairs, where mu is None: a solve without the multipliers of the last one, with this delta throughout.
     tolerance : float
     iterations : int
         Limit of Ipopt's iterations. Time limits inside a round would make iterates depend on the machine.
-    warm : bool
-        Go on with the multipliers of the last solve.
     values : float array, shape (n,), or None
         Where the shared variables start, if not where they are.
     others : float array, shape (neighbours, coordinates, times), or None
@@ -94,7 +92,6 @@ class Order:
     delta: float | None = None
     tolerance: float = 1e-6
     iterations: int = 150
-    warm: bool = True
     values: Array | None = None
     others: Array | None = None
 

@@ -101,7 +101,6 @@ class Method(ABC):
         usual = {
             "tolerance": work.tolerance(mu),
             "iterations": max(FIRST_ITERATIONS, self.iterations) if first else self.iterations,
-            "warm": not first,
             "others": work.nearest.get(name),
         }
         return Order(linear, fact.weighted(factors, weights), mu, **{**usual, **further})

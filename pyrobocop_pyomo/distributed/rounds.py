@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -110,10 +110,9 @@ class BarrierPath:
     factor : float
         Between 0 and 1, down to `turn`.
     turn : float
-        From here on mu falls by `fast` where the disagreement of each shared group is below its mark, else by `slow`.
+        From here on mu falls by `fast` where the disagreement of each shared group is below the square root of mu, else
+        by `slow`.
     fast, slow : float
-    marks : sequence of float or float
-        Of the disagreement, times the square root of mu; one number, or one for each `Shared`.
     floor : float
         Least mu.
     """
@@ -123,7 +122,6 @@ class BarrierPath:
     turn: float = 1e-3
     fast: float = 0.5
     slow: float = 0.9
-    marks: float | Sequence[float] = 1.0
     floor: float = 1e-5
 
     def __post_init__(self) -> None:
@@ -145,7 +143,7 @@ class BarrierPath:
         """
         if mu > self.turn:
             return max(self.turn, mu * self.factor)
-        agreed = bool((disagreement < np.asarray(self.marks) * np.sqrt(mu)).all())
+        agreed = bool((disagreement < np.sqrt(mu)).all())
         return max(self.floor, mu * (self.fast if agreed else self.slow))
 
 

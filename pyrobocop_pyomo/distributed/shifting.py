@@ -1,4 +1,4 @@
-"""`TimeShift`: values of a model in time, moved ahead by one element; the last ones stand."""
+"""What stands an element later in a model in time: by it, plans are moved ahead; the last values stand."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 from pyomo.core.base.var import VarData
 
 from pyrobocop_pyomo.errors import TeamError
-from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.phases import phases_of
 
@@ -58,26 +57,16 @@ def _later_index(index: Hashable, later: Mapping[float, float]) -> Hashable | No
     return moved if isinstance(index, tuple) else moved[0]
 
 
-class TimeShift:
-    """What takes the place of each variable when time moves on by one element: its component an element later.
+def later_variables(model: Any, variables: Sequence[VarData]) -> list[VarData]:
+    """What an element later is what each variable is now: its component there; the variable itself where nothing is.
 
     Parameters
     ----------
     model : Block
     variables : sequence of VarData
-        Of a program, in its order.
     """
-
-    def __init__(self, model: Any, variables: Sequence[VarData]) -> None:
-        self._later = later_times(model)
-        self._sources = [self.later(variable) for variable in variables]
-
-    def values(self) -> Array:
-        """What the variables' values are an element later, read from the model."""
-        return np.array([source.value for source in self._sources], dtype=float)
-
-    def later(self, variable: VarData) -> VarData:
-        """What an element later is what this variable is now; itself where nothing is."""
-        component = variable.parent_component()
-        index = _later_index(variable.index(), self._later)
-        return component[index] if index is not None and index in component else variable
+    later, found = later_times(model), []
+    for variable in variables:
+        component, index = variable.parent_component(), _later_index(variable.index(), later)
+        found.append(component[index] if index is not None and index in component else variable)
+    return found

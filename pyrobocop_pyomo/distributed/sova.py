@@ -90,4 +90,4 @@ class Sova(Method):
         order = super().order(work, name, state, *arguments, **further)
         if self.follow_barrier or order.mu is None:
             return order
-        return replace(order, mu=None, delta=DELTA.factor * order.mu, tolerance=1e-6, warm=False)
+        return replace(order, mu=None, delta=DELTA.factor * order.mu, tolerance=1e-6)

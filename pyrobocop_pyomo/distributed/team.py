@@ -23,7 +23,7 @@ from .closing import ClosedPlan
 from .coordination import Coordination, Physics, Plans, TeamState
 from .hub_method import Hub
 from .local_problem import ProblemSpec
-from .merging import MergedModel, build_model, merge_agents, variables_behind
+from .merging import MergedModel, merge_agents, variables_behind
 from .method import Method
 from .rounds import PlanScore, Round, ends_rounds, is_success
 from .sova import Sova
@@ -252,14 +252,11 @@ class Team:
 
 def _built_with_zeros(agent: Agent, components: Sequence[str]) -> Any:
     """Build an agent's model and hold what is named at zero."""
-    model = build_model(agent)
+    alone = merge_agents([agent], ())
     for name in components:
-        component = model.find_component(name)
-        if component is None:
-            raise TeamError(f"agent '{agent.name}': its model has no component '{name}', which its team shares.")
-        for variable in variables_behind(component):
+        for variable in variables_behind(alone.find(name)):
             variable.fix(0.0)
-    return model
+    return alone.model
 
 
 def find_method(method: Method | str, team: Team) -> Method:
