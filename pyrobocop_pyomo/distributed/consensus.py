@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -34,6 +34,8 @@ class Consensus:
         What the team agrees on.
     groups : int array
         The number of the `Shared` that each belongs to.
+    penalties : float array
+        As given, of each.
 
     Raises
     ------
@@ -43,14 +45,16 @@ class Consensus:
 
     def __init__(self, facts: Mapping[str, ProblemFacts], shared: Sequence[Shared]) -> None:
         self._refuse_other_units(facts)
-        free: dict[Key, int] = {}
+        free: dict[Key, tuple[int, float]] = {}
         for fact in facts.values():
-            for key, fixed, group in zip(_keys_of(fact), fact.fixed.tolist(), fact.groups.tolist(), strict=True):
+            columns = fact.fixed.tolist(), fact.groups.tolist(), fact.penalties.tolist()
+            for key, fixed, *known in zip(_keys_of(fact), *columns, strict=True):
                 if not fixed:
-                    free.setdefault(key, group)
+                    free.setdefault(key, tuple(known))
         self._refuse_other_indices(facts, free)
         self.keys = list(free)
-        self.groups = np.array(list(free.values()), dtype=np.intp)
+        self.groups = np.array([group for group, _ in free.values()], dtype=np.intp)
+        self.penalties = np.array([penalty for _, penalty in free.values()], dtype=float)
         # From an agent's values to the team's: a matrix with a one for each value that needs agreement.
         number = {key: i for i, key in enumerate(self.keys)}
         self._to_team: dict[str, Any] = {}
@@ -74,7 +78,7 @@ class Consensus:
                     )
 
     @staticmethod
-    def _refuse_other_indices(facts: Mapping[str, ProblemFacts], free: Mapping[Key, int]) -> None:
+    def _refuse_other_indices(facts: Mapping[str, ProblemFacts], free: Iterable[Key]) -> None:
         held = {name: {of.name: set(of.keys) for of in fact.quantities} for name, fact in facts.items()}
         for label, index in free:
             holders = [name for name in facts if label in held[name]]
@@ -100,21 +104,9 @@ class Consensus:
         """An agent's values in the order of the team's; 0 where it has none."""
         return self._to_team[name] @ values
 
-    def masked(self, name: str, values: Array) -> Array:
-        """An agent's values, 0 where no agreement is needed."""
-        return self.of_agent(name, self.of_team(name, values))
-
-    def presence(self, name: str) -> Array:
-        """1 for each of the team's values that an agent holds, 0 for the others."""
-        return self.of_team(name, np.ones(self._to_team[name].shape[1]))
-
-    def mean(self, values: Mapping[str, Array]) -> Array:
-        """Mean of all agents' values, in the team's order."""
-        total, count = np.zeros((2, len(self.keys)))
-        for name, own in values.items():
-            total += self.of_team(name, own)
-            count += self.presence(name)
-        return total / np.maximum(count, 1)
+    def weights(self, factors: Array) -> Array:
+        """The penalties, each group of them times its factor."""
+        return factors[self.groups] * self.penalties
 
 
 def _keys_of(fact: ProblemFacts) -> Iterator[Key]:

@@ -27,7 +27,6 @@ _MEMORY = 12
 _WORSE = 2.0  # times the last residual: an extrapolation after which it has grown more is not trusted
 
 Plans = Mapping[str, Mapping[str, Array]]
-Residuals = tuple[Array, Array, Array]
 
 
 class Physics(Protocol):
@@ -45,13 +44,13 @@ class Physics(Protocol):
         """Score the plans of all agents."""
 
 
-def extrapolated(steps: list[tuple[Array, Array]], point: Array, image: Array) -> Array:
+def extrapolated(steps: list[Array], point: Array, image: Array) -> Array:
     """Where an iteration goes on from: the point at which its linear model stands still (Anderson acceleration).
 
     Parameters
     ----------
-    steps : list of (point, image)
-        The last ones; this one is added.
+    steps : list of array, shape (2, n)
+        The last points and images; this one is added.
     point : float array, shape (n,)
     image : float array, shape (n,)
         What the iteration made of it.
@@ -67,10 +66,10 @@ def extrapolated(steps: list[tuple[Array, Array]], point: Array, image: Array) -
         before, after = steps[-1]
         if np.linalg.norm(image - point) > _WORSE * np.linalg.norm(after - before):
             steps.clear()
-    steps[:] = [*steps, (point.copy(), image.copy())][-_MEMORY:]
+    steps[:] = [*steps, np.array([point, image])][-_MEMORY:]
     if len(steps) < 2:
         return image
-    points, images = (np.array(column) for column in zip(*steps, strict=True))
+    points, images = np.array(steps).swapaxes(0, 1)
     residuals = np.diff(images - points, axis=0)
     weights = np.linalg.lstsq(residuals.T, image - point, rcond=1e-10)[0]
     return image - np.diff(images, axis=0).T @ weights
@@ -86,12 +85,14 @@ class TeamState:
         Number of the next round.
     mu : float or None
     factors : float array
-    target : float array
-        What the hub proposes; the mean of all copies where there is no hub. In the order of `Consensus.keys`.
-    values, multipliers : dict of agent to float array
+        On the penalties of each `Shared`.
+    target : float array, shape (n,)
+        What the hub proposes, the mean of all copies where there is no hub, for each of `Consensus.keys`.
+    values, multipliers : float array, shape (robots, n)
+        0 for what a robot does not hold.
     closing_tried : int
         Number of the round after which the closing step was tried last; -1 where it was not.
-    steps : list of (array, array)
+    steps : list of array, shape (2, size)
         What the acceleration remembers of the last rounds, where there are no pairs.
     """
 
@@ -99,32 +100,20 @@ class TeamState:
     mu: float | None
     factors: Array
     target: Array
-    values: dict[str, Array]
-    multipliers: dict[str, Array]
+    values: Array
+    multipliers: Array
     closing_tried: int = -1
-    steps: list[tuple[Array, Array]] = field(default_factory=list)
+    steps: list[Array] = field(default_factory=list)
 
     def arrays(self) -> dict[str, Array]:
         """Everything that there is as arrays by name."""
-        arrays: dict[str, Array] = {}
-        for name, held in vars(self).items():
-            if isinstance(held, dict):
-                arrays.update({f"{name}/{agent}": np.array(array) for agent, array in held.items()})
-            elif held is not None:
-                arrays[name] = np.array(held)
-        return arrays
+        return {name: np.array(held) for name, held in vars(self).items() if held is not None}
 
     @classmethod
     def of_arrays(cls, arrays: Mapping[str, Array]) -> TeamState:
         """The state that `arrays` gave."""
-        held: dict[str, Any] = {"mu": None, "values": {}, "multipliers": {}}
-        for name, array in arrays.items():
-            what, _, agent = name.partition("/")
-            if agent:
-                held[what][agent] = np.array(array)
-            else:
-                held[name] = np.array(array) if array.ndim else array.item()
-        return cls(**{**held, "steps": [(point, image) for point, image in held["steps"]]})
+        held: dict[str, Any] = {name: np.array(array) if array.ndim else array.item() for name, array in arrays.items()}
+        return cls(**{"mu": None, **held, "steps": list(held["steps"])})
 
 
 class Coordination:
@@ -140,6 +129,9 @@ class Coordination:
     Attributes
     ----------
     facts : dict of agent to ProblemFacts
+    consensus : Consensus
+    held : float array, shape (robots, n)
+        1 for each of the team's values that a robot holds, 0 for the others.
     robots : sequence of str
         Names of the agents that plan a motion of their own.
     hub : str
@@ -166,6 +158,8 @@ class Coordination:
         self.plans = {name: fact.plan for name, fact in self.facts.items()}
         self._check()
         self.consensus = Consensus(self.facts, team.shared)
+        ones = {robot: np.ones(self.facts[robot].fixed.size) for robot in self.robots}
+        self.held = np.array([self.consensus.of_team(robot, values) for robot, values in ones.items()])
         self.rounds: list[Round] = []
         self.frozen: dict[str, str] = {}
         self._objectives: dict[str, float] = {}
@@ -191,8 +185,9 @@ class Coordination:
     def first_state(self, mu: float) -> TeamState:
         """The state before any round: no values, multipliers zero, penalties as given; mu where there are pairs."""
         has_pairs = any(fact.has_pairs for fact in self.facts.values())
-        multipliers = {name: np.zeros(self.facts[name].values.size) for name in self.robots}
-        return TeamState(0, mu if has_pairs else None, np.ones(len(self.team.shared)), np.zeros(0), {}, multipliers)
+        target, factors = np.zeros(len(self.consensus.keys)), np.ones(len(self.team.shared))
+        zeros = np.zeros_like(self.held)
+        return TeamState(0, mu if has_pairs else None, factors, target, zeros, zeros.copy())
 
     def begin_round(self) -> None:
         """Forget the reports of the round before, and see who is near."""
@@ -261,14 +256,37 @@ class Coordination:
         self.engine.restore(states)
         self.plans.update(self.engine.call_all("plan", dict.fromkeys(self.facts, ())))
 
-    def end_round(self, state: TeamState, residuals: Residuals, *, scored: bool) -> Round:
-        """Record the round, with the score of its plan where that is wanted and there is physics."""
-        physics = self.team.physics
+    def take(self, state: TeamState, reports: Mapping[str, Report]) -> None:
+        """Put the robots' new values into the state; the others keep theirs."""
+        for number, name in enumerate(self.robots):
+            if name in reports:
+                state.values[number] = self.consensus.of_team(name, reports[name].values)
+
+    def values_of(self, name: str, values: Array) -> Array:
+        """The team's values in the order of an agent's; what is fixed wherever it exists as in its model."""
+        is_agreed = self.consensus.of_agent(name, np.ones_like(values)) > 0
+        return np.where(is_agreed, self.consensus.of_agent(name, values), self.facts[name].values)
+
+    def end_round(self, state: TeamState, gaps: Array, moved: Array, *, scored: bool) -> Round:
+        """Record the round, with the score of its plan where that is wanted and there is physics.
+
+        Parameters
+        ----------
+        state : TeamState
+        gaps : float array, shape (robots, n)
+            From what is agreed on to the robots' values.
+        moved : float array, shape (n,)
+            How what is agreed on has changed.
+        scored : bool
+        """
+        physics, apart = self.team.physics, np.abs(gaps).max(axis=0)
         score = physics(self.plans) if scored and physics is not None else None
         record = Round(
             state.round,
             state.mu,
-            *residuals,
+            self._largest(apart),
+            self._largest(np.abs(moved)),
+            self._largest(np.sqrt(self.consensus.penalties) * apart),
             state.factors.copy(),
             float(sum(self._objectives.values())),
             {name: (report.status, report.iterations, report.cpu_seconds) for name, report in self._asked.items()},
@@ -281,18 +299,31 @@ class Coordination:
         state.round += 1
         return record
 
-    def residuals(self, state: TeamState, before: Array) -> tuple[Residuals, dict[str, Array]]:
-        """Disagreement, change from the target before and scaled disagreement, as a `Round` has them, and each robot's
-        gap to the target."""
-        disagreement, change, scaled = np.zeros((3, len(self.team.shared)))
-        np.maximum.at(change, self.consensus.groups, np.abs(state.target - before))
-        gaps = {}
-        for name in self.robots:
-            fact, agreed = self.facts[name], self.consensus.of_agent(name, state.target)
-            gaps[name] = self.consensus.masked(name, state.values[name]) - agreed
-            np.maximum.at(disagreement, fact.groups, np.abs(gaps[name]))
-            np.maximum.at(scaled, fact.groups, np.sqrt(fact.penalties) * np.abs(gaps[name]))
-        return (disagreement, change, scaled), gaps
+    def extrapolate(self, state: TeamState, target: Array, multipliers: Array, *, is_complete: bool) -> None:
+        """Go on from where a round without pairs leads, not from where it has ended.
+
+        Parameters
+        ----------
+        state : TeamState
+        target, multipliers : float arrays
+            Before the round.
+        is_complete : bool
+            Whether all robots have reported: another round is no value of the map that is learned.
+        """
+        if state.mu is not None or not is_complete:
+            state.steps.clear()
+            return
+        scale = np.sqrt(self.consensus.penalties)  # in comparable units
+        point = np.vstack([target * scale, multipliers / scale])
+        image = np.vstack([state.target * scale, state.multipliers / scale])
+        moved = extrapolated(state.steps, point.ravel(), image.ravel()).reshape(point.shape)
+        state.target, state.multipliers = moved[0] / scale, moved[1:] * scale
+
+    def _largest(self, values: Array) -> Array:
+        """Of each `Shared`."""
+        largest = np.zeros(len(self.team.shared))
+        np.maximum.at(largest, self.consensus.groups, values)
+        return largest
 
     @staticmethod
     def tolerance(mu: float | None) -> float:

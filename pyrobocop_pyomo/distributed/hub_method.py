@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -10,8 +9,7 @@ import numpy as np
 
 from pyrobocop_pyomo.numerics import Array
 
-from .coordination import Coordination, Residuals, TeamState, extrapolated
-from .messages import Order, ProblemFacts, Report
+from .coordination import Coordination, TeamState
 from .method import FIRST_ITERATIONS, Method
 
 
@@ -58,67 +56,25 @@ class Hub(Method):
     def begin(self, work: Coordination) -> TeamState:
         """Ask the hub for a first motion of the object, and start there."""
         hub, state = work.hub, work.first_state(self.barrier.start)
-        single = np.array([self.object_first if shared.of_one_robot else 0.0 for shared in work.team.shared])
         work.begin_round()
-        zero = np.zeros(work.facts[hub].values.size)
-        weights = self._weights_in_time(work.facts[hub])
-        order = self.order(work, hub, state, zero, single, first=True, tolerance=1e-6, weights=weights)
+        single = np.array([self.object_first if shared.of_one_robot else 0.0 for shared in work.team.shared])
+        # Factors that fall along the index of each quantity to 1 at its end.
+        lengths = [len(quantity.keys) for quantity in work.facts[hub].quantities]
+        falling = np.concatenate([1.0 + self.early * np.linspace(1.0, 0.0, length) ** 2 for length in lengths])
+        diagonal = work.consensus.weights(single) * work.consensus.of_team(hub, falling)
+        order = self.order(work, hub, state, np.zeros_like(diagonal), diagonal, first=True, tolerance=1e-6)
         state.target = work.consensus.of_team(hub, work.ask({hub: order}, until_all=True)[hub].values)
         return state
 
-    def _weights_in_time(self, facts: ProblemFacts) -> Array:
-        """Factors that fall along the index of each quantity to 1 at its end."""
-        falling = [1.0 + self.early * np.linspace(1.0, 0.0, len(q.keys)) ** 2 for q in facts.quantities]
-        return np.concatenate(falling)
+    def pull(self, work: Coordination, state: TeamState) -> tuple[Array, Array]:
+        """Towards the hub's proposal."""
+        weights = work.consensus.weights(state.factors)
+        return state.multipliers - weights * state.target, weights
 
-    def order_of_robot(self, work: Coordination, name: str, state: TeamState, *, first: bool) -> Order:
-        """Its objective with the pull of the hub's proposal."""
-        proposal = work.consensus.of_agent(name, state.target)
-        linear = state.multipliers[name] - work.facts[name].weighted(state.factors, proposal)
-        start = proposal if first else None
-        return self.order(work, name, state, linear, state.factors, first=first, values=start)
-
-    def agree(self, work: Coordination, state: TeamState, reports: Mapping[str, Report]) -> Residuals:
-        """The hub, then the multipliers."""
-        at, before = _point(work, state), state.target
-        state.target = self._hub_values(work, state)
-        residuals, gaps = work.residuals(state, before)
-        for name in reports:  # the multipliers of a robot without a new plan stay
-            pull = work.facts[name].weighted(state.factors, gaps[name])
-            state.multipliers[name] = state.multipliers[name] + pull
-        if state.mu is None and len(reports) == len(work.robots):
-            _go_to(work, state, extrapolated(state.steps, at, _point(work, state)))
-        else:  # a round without all robots is no value of the map that the acceleration learns
-            state.steps.clear()
-        return residuals
-
-    def _hub_values(self, work: Coordination, state: TeamState) -> Array:
-        hub = work.hub
-        linear_of_team, count = np.zeros((2, len(work.consensus.keys)))
-        for name in work.robots:
-            pull = work.facts[name].weighted(state.factors, state.values[name])
-            linear_of_team += work.consensus.of_team(name, -state.multipliers[name] - pull)
-            count += work.consensus.presence(name)
-        holders = np.zeros(len(state.factors))
-        np.maximum.at(holders, work.consensus.groups, count)
-        linear = work.consensus.of_agent(hub, linear_of_team)
-        order = self.order(work, hub, state, linear, state.factors * holders, iterations=FIRST_ITERATIONS)
-        reports = work.ask({hub: order})
+    def next_target(self, work: Coordination, state: TeamState) -> Array:
+        """The hub's answer to the robots' values."""
+        hub, weights = work.hub, work.consensus.weights(state.factors)
+        linear = (-state.multipliers - weights * state.values).sum(axis=0)
+        diagonal = weights * work.held.sum(axis=0)
+        reports = work.ask({hub: self.order(work, hub, state, linear, diagonal, iterations=FIRST_ITERATIONS)})
         return work.consensus.of_team(hub, reports[hub].values) if hub in reports else state.target
-
-
-def _point(work: Coordination, state: TeamState) -> Array:
-    """What a round maps to itself where the team agrees: the target and the multipliers, in comparable units."""
-    return np.concatenate([state.target, *(state.multipliers[name] for name in work.robots)]) * _scales(work)
-
-
-def _go_to(work: Coordination, state: TeamState, point: Array) -> None:
-    ends = np.cumsum([state.target.size, *(state.multipliers[name].size for name in work.robots)])[:-1]
-    state.target, *others = np.split(point / _scales(work), ends)
-    state.multipliers.update(zip(work.robots, others, strict=True))
-
-
-def _scales(work: Coordination) -> Array:
-    """Square roots of the penalties as given, for the target; their inverses, for the robots' multipliers."""
-    of_team = np.sqrt(work.consensus.of_team(work.hub, work.facts[work.hub].penalties))
-    return np.concatenate([of_team, *(1.0 / np.sqrt(work.facts[name].penalties) for name in work.robots)])

@@ -59,10 +59,6 @@ class ProblemFacts:
     plan: Mapping[str, Array]
     own_controls: Mapping[str, tuple[str, ...]]
 
-    def weighted(self, factors: Array, values: Array | float) -> Array:
-        """Values times their penalties, each group of these times its factor."""
-        return factors[self.groups] * self.penalties * values
-
 
 @dataclass(frozen=True)
 class Order:

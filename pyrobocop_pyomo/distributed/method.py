@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
+
+import numpy as np
 
 from pyrobocop_pyomo.errors import TeamError
 from pyrobocop_pyomo.numerics import Array
 
 from .closing import Closing
-from .coordination import Coordination, Residuals, TeamState
-from .messages import Order, Report
+from .coordination import Coordination, TeamState
+from .messages import Order
 from .rounds import ENDINGS, BarrierPath, Round, TargetedPenalties
 
 FIRST_ITERATIONS = 300  # least limit of a solve without one to go on from
@@ -72,9 +73,8 @@ class Method(ABC):
         name: str,
         state: TeamState,
         linear: Array,
-        factors: Array,
+        diagonal: Array,
         *,
-        weights: Array | float = 1.0,
         first: bool = False,
         **further: Any,
     ) -> Order:
@@ -85,25 +85,21 @@ class Method(ABC):
         work : Coordination
         name : str
         state : TeamState
-        linear : float array
-            As of `Order`.
-        factors : float array
-            One for each `Shared`, on its penalty.
-        weights : float array, shape (n,), or float
-            Further factors on the penalty of each value.
+        linear, diagonal : float arrays
+            As of `Order`, for each of the team's values.
         first : bool
             Whether there is no solve to go on from.
         **further
             What else the `Order` has, or has instead.
         """
-        fact = work.facts[name]
-        mu = state.mu if fact.has_pairs else None
+        mu = state.mu if work.facts[name].has_pairs else None
         usual = {
             "tolerance": work.tolerance(mu),
             "iterations": max(FIRST_ITERATIONS, self.iterations) if first else self.iterations,
             "others": work.nearest.get(name),
         }
-        return Order(linear, fact.weighted(factors, weights), mu, **{**usual, **further})
+        of_agent = work.consensus.of_agent
+        return Order(of_agent(name, linear), of_agent(name, diagonal), mu, **{**usual, **further})
 
     @abstractmethod
     def begin(self, work: Coordination) -> TeamState:
@@ -112,12 +108,25 @@ class Method(ABC):
     def round(self, work: Coordination, state: TeamState) -> Round:
         """Carry out a round: all robots, then what they agree on and their multipliers."""
         work.begin_round()
-        is_first, is_late = not state.values, self.until == "rounds" or state.mu is None or state.mu <= self.score_below
-        orders = {name: self.order_of_robot(work, name, state, first=is_first) for name in work.robots}
+        is_first = self.has_hub and state.round == 0
+        is_late = self.until == "rounds" or state.mu is None or state.mu <= self.score_below
+        linear, diagonal = self.pull(work, state)
+        orders = {}
+        for name, own in zip(work.robots, linear, strict=True):
+            start = work.consensus.of_agent(name, state.target) if is_first else None
+            orders[name] = self.order(work, name, state, own, diagonal, first=is_first, values=start)
         reports = work.ask(orders, until_all=is_first)
-        state.values.update({name: report.values for name, report in reports.items()})
-        residuals = self.agree(work, state, reports)
-        record = work.end_round(state, residuals, scored=is_late)
+        work.take(state, reports)
+        before, state.target = state.target, self.next_target(work, state)
+        gaps = work.held * (state.values - state.target)
+        record = work.end_round(state, gaps, state.target - before, scored=is_late)
+        multipliers = state.multipliers
+        # Without a hub a robot's distances from all others add up to so many times that from their mean. With one, the
+        # multipliers of a robot without a new plan stay.
+        rates = np.array([[name in reports] for name in work.robots]) if self.has_hub else len(work.robots)
+        state.multipliers = multipliers + work.consensus.weights(state.factors) * rates * gaps
+        if self.has_hub:
+            work.extrapolate(state, before, multipliers, is_complete=len(reports) == len(work.robots))
         if self.penalties is not None and (state.mu is not None or not self.has_hub):
             state.factors = self.penalties.after(state.factors, state.mu, record.scaled)
         if state.mu is not None:
@@ -125,9 +134,15 @@ class Method(ABC):
         return record
 
     @abstractmethod
-    def order_of_robot(self, work: Coordination, name: str, state: TeamState, *, first: bool) -> Order:
-        """What a robot solves in a round."""
+    def pull(self, work: Coordination, state: TeamState) -> tuple[Array, Array]:
+        """The terms that a round adds to the robots' objectives.
+
+        Returns
+        -------
+        linear : float array, shape (robots, n)
+        diagonal : float array, shape (n,)
+        """
 
     @abstractmethod
-    def agree(self, work: Coordination, state: TeamState, reports: Mapping[str, Report]) -> Residuals:
-        """Move target and multipliers on after the robots' reports; gives the residuals of the round."""
+    def next_target(self, work: Coordination, state: TeamState) -> Array:
+        """What is agreed on after the robots' reports."""

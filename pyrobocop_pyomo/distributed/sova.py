@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from .coordination import Coordination, Residuals, TeamState
+from pyrobocop_pyomo.numerics import Array
+
+from .coordination import Coordination, TeamState
 from .local_problem import DELTA
-from .messages import Order, Report
+from .messages import Order
 from .method import Method
 from .rounds import BarrierPath
 
@@ -59,31 +60,21 @@ class Sova(Method):
         """A first plan of each robot alone, as if the others did whatever helps it."""
         state = work.first_state(self.barrier.start)
         work.begin_round()
-        factors = state.factors * self.regularisation
-        orders = {
-            name: self.order(work, name, state, zero, factors, first=True) for name, zero in state.multipliers.items()
-        }
-        state.values.update({name: report.values for name, report in work.ask(orders, until_all=True).items()})
-        state.target = work.consensus.mean(state.values)
+        weights = work.consensus.weights(state.factors * self.regularisation)
+        orders = {name: self.order(work, name, state, state.target, weights, first=True) for name in work.robots}
+        work.take(state, work.ask(orders, until_all=True))
+        state.target = state.values.mean(axis=0)
         return state
 
-    def order_of_robot(self, work: Coordination, name: str, state: TeamState, *, first: bool) -> Order:
-        """Its objective with the pull of all others."""
-        # The sum over all others of what is between this robot's values and theirs, with the mean of all.
-        count = len(work.robots)
-        between = work.consensus.of_agent(name, count * state.target)
-        between += (count - 2) * work.consensus.masked(name, state.values[name])
-        pull = work.facts[name].weighted(state.factors, between)
-        return self.order(work, name, state, state.multipliers[name] - pull, 2.0 * (count - 1) * state.factors)
+    def pull(self, work: Coordination, state: TeamState) -> tuple[Array, Array]:
+        """Towards what is between each robot's values and those of all others, which the mean of all tells."""
+        weights, count = work.consensus.weights(state.factors), len(work.robots)
+        between = count * state.target + (count - 2) * state.values
+        return state.multipliers - weights * between, 2.0 * (count - 1) * weights
 
-    def agree(self, work: Coordination, state: TeamState, reports: Mapping[str, Report]) -> Residuals:
-        """The mean of all, and the multipliers of all."""
-        before, state.target = state.target, work.consensus.mean(state.values)
-        residuals, gaps = work.residuals(state, before)
-        for name, gap in gaps.items():  # of a complete graph: as often from the mean as there are robots
-            apart = work.facts[name].weighted(state.factors, len(work.robots) * gap)
-            state.multipliers[name] = state.multipliers[name] + apart
-        return residuals
+    def next_target(self, work: Coordination, state: TeamState) -> Array:
+        """The mean of all."""
+        return state.values.mean(axis=0)
 
     def order(self, work: Coordination, name: str, state: TeamState, *arguments: Any, **further: Any) -> Order:
         """As of `Method`; the paper solves the problem with its delta, from the primal point."""

@@ -356,14 +356,13 @@ class _Rounds:
             best = ClosedPlan(dict(plans), None, work.rounds[-1].objective)
         agreement = best.holds or (bool(work.rounds) and work.rounds[-1].agrees(self._method.tolerance))
         source = work.hub or work.robots[0]
-        fact, of_agent = work.facts[source], work.consensus.of_agent
-        # What is fixed wherever it exists needs no agreement.
-        values = np.where(of_agent(source, np.ones_like(state.target)) > 0, of_agent(source, state.target), fact.values)
-        ends = np.cumsum([len(quantity.keys) for quantity in fact.quantities])[:-1]
-        agreed = {of.name: numbers for of, numbers in zip(fact.quantities, np.split(values, ends), strict=True)}
+        quantities, target = work.facts[source].quantities, work.values_of(source, state.target)
+        ends = np.cumsum([len(quantity.keys) for quantity in quantities])[:-1]
+        agreed = {of.name: numbers for of, numbers in zip(quantities, np.split(target, ends), strict=True)}
         agreed.update({name: best.plans[source][name] for name in agreed if best.holds and name in best.plans[source]})
+        values = {name: work.values_of(name, own) for name, own in zip(work.robots, state.values, strict=True)}
         return TeamResult(
-            best.plans, dict(state.values), agreed, work.rounds, best.score, agreement, names,
+            best.plans, values, agreed, work.rounds, best.score, agreement, names,
             dict(work.frozen), dict(work.engine.deaths), best.objective, self._closings,
             self._team.physics, rule, None if rule is None else rule.least_distance(best.plans, self._team.names),
         )  # fmt: skip

@@ -172,15 +172,23 @@ class TeamHorizon:
 
     def _move(self, state: TeamState, starts: Mapping[str, Mapping[str, float]], elements: int) -> None:
         """Move the plans of all agents ahead, and take over what they share then."""
-        work = self._work
-        asked = {name: (start, elements, state.multipliers.get(name)) for name, start in starts.items()}
-        for name, (values, work.plans[name], multipliers) in self.engine.call_all("advance", asked).items():
+        work, of_team, multipliers = self._work, self._work.consensus.of_team, self._multipliers(state)
+        asked = {name: (start, elements, multipliers.get(name)) for name, start in starts.items()}
+        moved = self.engine.call_all("advance", asked)
+        for name, (values, plan, own) in moved.items():
+            work.plans[name] = plan
             if name == work.hub:
-                state.target = work.consensus.of_team(name, values)
+                state.target = of_team(name, values)
             else:
-                state.values[name], state.multipliers[name] = values, multipliers
+                number = work.robots.index(name)
+                state.values[number], state.multipliers[number] = of_team(name, values), of_team(name, own)
         if not work.hub:
-            state.target = work.consensus.mean(state.values)
+            state.target = state.values.mean(axis=0)
+
+    def _multipliers(self, state: TeamState) -> dict[str, Array]:
+        """Each robot's, in the order of its values."""
+        of_agent = self._work.consensus.of_agent
+        return {name: of_agent(name, own) for name, own in zip(self._work.robots, state.multipliers, strict=True)}
 
     def change_team(self, team: Team) -> None:
         """Go on with a team that robots have left or joined, from the plans that there are.
@@ -197,19 +205,19 @@ class TeamHorizon:
             When its models do not fit together, or cannot be moved ahead. The horizon is stopped then.
         """
         before, known = self._state, self._of_all("start_states")
-        multipliers = {} if before is None else before.multipliers
+        multipliers = {} if before is None else self._multipliers(before)
         plans = self._work.all_values()
         self.team = team
         self._start()
         if before is None:
             return
-        facts = self._work.facts
+        facts, of_team = self._work.facts, self._work.consensus.of_team
         self._of_all("put_on", plans)
         self._state = state = self._work.first_state(self._in_steps.barrier.start)
         state.factors, state.round = before.factors, before.round
-        for name in state.multipliers.keys() & multipliers.keys():
-            if state.multipliers[name].size == multipliers[name].size:
-                state.multipliers[name] = multipliers[name]
+        for number, name in enumerate(self._work.robots):
+            if name in multipliers and multipliers[name].size == facts[name].values.size:
+                state.multipliers[number] = of_team(name, multipliers[name])
         self._move(state, {name: known.get(name, {}) for name in facts}, 0)
 
     def predicted(self, elements: int = 1) -> dict[str, dict[str, float]]:
