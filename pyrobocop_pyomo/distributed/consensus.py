@@ -12,7 +12,7 @@ from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import scipy
 
 from .agents import Shared
-from .messages import ProblemFacts
+from .messages import ProblemFacts, QuantityFacts
 
 Key = tuple[str, object]
 
@@ -47,10 +47,9 @@ class Consensus:
         self._refuse_other_units(facts)
         free: dict[Key, tuple[int, float]] = {}
         for fact in facts.values():
-            columns = fact.fixed.tolist(), fact.groups.tolist(), fact.penalties.tolist()
-            for key, fixed, *known in zip(_keys_of(fact), *columns, strict=True):
+            for (quantity, key), fixed in zip(_values_of(fact), fact.fixed.tolist(), strict=True):
                 if not fixed:
-                    free.setdefault(key, tuple(known))
+                    free.setdefault((quantity.name, key), (quantity.group, quantity.penalty))
         self._refuse_other_indices(facts, free)
         self.keys = list(free)
         self.groups = np.array([group for group, _ in free.values()], dtype=np.intp)
@@ -59,11 +58,10 @@ class Consensus:
         number = {key: i for i, key in enumerate(self.keys)}
         self._to_team: dict[str, Any] = {}
         for name, fact in facts.items():
-            places = np.array([number.get(key, -1) for key in _keys_of(fact)], dtype=np.intp)
-            agreed = np.flatnonzero(places >= 0)
-            ones = np.ones(agreed.size)
-            shape = len(self.keys), places.size
-            self._to_team[name] = scipy.sparse.csr_array((ones, (places[agreed], agreed)), shape=shape)
+            keys = [(quantity.name, key) for quantity, key in _values_of(fact)]
+            agreed = [i for i, key in enumerate(keys) if key in number]
+            places, shape = [number[keys[i]] for i in agreed], (len(number), len(keys))
+            self._to_team[name] = scipy.sparse.csr_array((np.ones(len(agreed)), (places, agreed)), shape=shape)
 
     @staticmethod
     def _refuse_other_units(facts: Mapping[str, ProblemFacts]) -> None:
@@ -109,5 +107,5 @@ class Consensus:
         return factors[self.groups] * self.penalties
 
 
-def _keys_of(fact: ProblemFacts) -> Iterator[Key]:
-    return ((quantity.name, key) for quantity in fact.quantities for key in quantity.keys)
+def _values_of(fact: ProblemFacts) -> Iterator[tuple[QuantityFacts, object]]:
+    return ((quantity, key) for quantity in fact.quantities for key in quantity.keys)

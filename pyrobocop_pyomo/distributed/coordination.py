@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -193,7 +192,7 @@ class Coordination:
         """Forget the reports of the round before, and see who is near."""
         self._asked: dict[str, Report] = {}
         self._failed: dict[str, str] = {}
-        self._started, self.nearest = time.perf_counter(), self._nearest()
+        self.nearest = self._nearest()
 
     def ask(self, orders: Mapping[str, Order], *, until_all: bool = False) -> dict[str, Report]:
         """Have orders carried out; only the reports that can be used come back.
@@ -292,8 +291,6 @@ class Coordination:
             {name: (report.status, report.iterations, report.cpu_seconds) for name, report in self._asked.items()},
             dict(self._failed),
             score,
-            time.perf_counter() - self._started,
-            self.hub or None,
         )
         self.rounds.append(record)
         state.round += 1
@@ -324,13 +321,6 @@ class Coordination:
         largest = np.zeros(len(self.team.shared))
         np.maximum.at(largest, self.consensus.groups, values)
         return largest
-
-    @staticmethod
-    def tolerance(mu: float | None) -> float:
-        """Tolerance of a solve: on the way, no more exact than the next barrier problem differs from this one."""
-        if mu is None:
-            return 1e-8
-        return max(1e-6, mu if mu > 1.5e-3 else 0.1 * mu)
 
     def _nearest(self) -> dict[str, Array]:
         """For each robot the positions of the nearest others, at each time of their own."""

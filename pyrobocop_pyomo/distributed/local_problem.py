@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.param import Param
-from pyomo.core.base.var import Var
+from pyomo.core.base.var import Var, VarData
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.complementarity import FollowBarrier, active_sources, relax
 from pyrobocop_pyomo.errors import EvaluationError, TeamError
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.phases import Control, phases_of
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
 from pyrobocop_pyomo.programs.quadratic_cost import QuadraticCost
@@ -25,7 +27,6 @@ from pyrobocop_pyomo.studies.persistent_nlp import PersistentNLP
 from .agents import Agent, KeepApart, Shared
 from .merging import merge_agents, variable_numbers, variables_behind
 from .messages import Order, ProblemFacts, QuantityFacts, Report
-from .shifting import later_variables
 
 FAR_AWAY = 1e3  # metres: where a neighbour stands that a robot does not have
 DELTA = FollowBarrier(floor=1e-9, factor=2.0)
@@ -88,13 +89,8 @@ class LocalProblem:
         self.model = self._merged.model
         self._quantities: list[QuantityFacts] = []
         self._variables: list[Any] = []
-        penalties: list[float] = []
-        groups: list[int] = []
         for group, shared, names in spec.shared:
-            lengths = [len(keys) for name in names for keys in self._share(name)]
-            groups += [group] * sum(lengths)
-            penalties += self._penalties_of(shared, lengths).tolist()
-        self._groups, self._penalties = np.array(groups, dtype=np.intp), np.array(penalties, dtype=float)
+            self._share(group, shared, [variable for name in names for variable in self._variables_of(name)])
         self.cost = QuadraticCost(self._variables)
         rule = spec.keep_apart
         self._coordinates = [] if rule is None else [self._coordinate(name) for name in rule.components]
@@ -121,8 +117,7 @@ class LocalProblem:
             )
         return component
 
-    def _share(self, name: str) -> Iterator[tuple[object, ...]]:
-        """Add what a name stands for to the shared variables; gives the indices of each."""
+    def _variables_of(self, name: str) -> list[Any]:
         component = self._merged.find(name)
         found = variables_behind(component)
         if not found:
@@ -130,31 +125,33 @@ class LocalProblem:
                 f"agent '{self.spec.name}': '{name}' is no variable and no block with variables, but "
                 f"{type(component).__name__}. Share variables."
             )
-        for variable in found:
-            own_name, data = self._merged.own_name(variable), list(variable.values())
-            if any(known.name == own_name for known in self._quantities):
-                raise TeamError(f"agent '{self.spec.name}': '{own_name}' is shared twice. Name it once.")
-            units = next((str(v.get_units()) for v in data if v.get_units() is not None), "")
-            self._quantities.append(QuantityFacts(own_name, tuple(variable.keys()), units))
-            self._variables += data
-            yield self._quantities[-1].keys
+        return found
 
-    def _penalties_of(self, shared: Shared, lengths: list[int]) -> Array:
+    def _share(self, group: int, shared: Shared, variables: list[Any]) -> None:
         given = np.asarray(shared.penalty)
-        if given.ndim and given.size != len(lengths):
+        if given.ndim and given.size != len(variables):
             raise TeamError(
                 f"agent '{self.spec.name}': Shared({', '.join(map(repr, shared.components))}) stands for "
-                f"{len(lengths)} variables, its penalty is for {given.size}. Give one number, or one for each variable."
+                f"{len(variables)} variables, its penalty is for {given.size}. Give one number, or one for each "
+                "variable."
             )
-        return np.repeat(np.broadcast_to(given, len(lengths)), lengths)
+        for variable, penalty in zip(variables, np.broadcast_to(given, len(variables)).tolist(), strict=True):
+            name, data = self._merged.own_name(variable), list(variable.values())
+            if any(known.name == name for known in self._quantities):
+                raise TeamError(f"agent '{self.spec.name}': '{name}' is shared twice. Name it once.")
+            units = next((str(v.get_units()) for v in data if v.get_units() is not None), "")
+            self._quantities.append(QuantityFacts(name, tuple(variable.keys()), units, group, penalty))
+            self._variables += data
 
     def _keep_apart(self, rule: KeepApart, neighbours: int) -> None:
         """Rows that keep the robot away from points that are numbers."""
         coordinates = self._coordinates
-        self._is_free = np.array([any(not c[key].fixed for c in coordinates) for key in coordinates[0]])
-        keys = [key for key, is_free in zip(coordinates[0], self._is_free.tolist(), strict=True) if is_free]
+        keys, times = (
+            [key for key in coordinates[0] if any(not c[key].fixed for c in coordinates)],
+            list(coordinates[0]),
+        )
         block = self.model.keep_apart = Block(concrete=True)
-        block.others = Param(range(neighbours), range(len(coordinates)), keys, initialize=FAR_AWAY, mutable=True)
+        block.others = Param(range(neighbours), range(len(coordinates)), times, initialize=FAR_AWAY, mutable=True)
         self._others = list(block.others.values())
         block.rows = Constraint(
             range(neighbours),
@@ -170,8 +167,6 @@ class LocalProblem:
         """What the coordinator has to know of this problem."""
         return ProblemFacts(
             tuple(self._quantities),
-            self._groups,
-            self._penalties,
             self._has_pairs,
             variable_numbers(self._variables),
             np.array([variable.fixed for variable in self._variables], dtype=bool),
@@ -198,8 +193,7 @@ class LocalProblem:
                 if not variable.fixed:
                     variable.set_value(number, skip_validation=True)
         if order.others is not None:
-            numbers = order.others[:, :, self._is_free].ravel().tolist()
-            for parameter, number in zip(self._others, numbers, strict=True):
+            for parameter, number in zip(self._others, order.others.ravel().tolist(), strict=True):
                 parameter.set_value(number)
         self.cost.linear[:] = order.linear
         self.cost.diagonal[:] = order.diagonal
@@ -323,3 +317,61 @@ class LocalProblem:
             return 0.0 if objective is None else float(value(objective))
         except (ArithmeticError, EvaluationError, ValueError):
             return float("nan")
+
+
+def later_times(model: Any) -> dict[float, float]:
+    """Each time of a model's phases, and the one that takes its place an element later.
+
+    Parameters
+    ----------
+    model : Block
+        All of its phases have the same times, with fixed start, fixed duration, equal elements and one point in each.
+
+    Returns
+    -------
+    dict of float to float
+        Without the last time.
+
+    Raises
+    ------
+    TeamError
+        When there are no phases, or not such ones.
+    """
+    grids = {phase.name: list(phase.time) for phase in phases_of(model) if not phase.has_normalised_time}
+    if len(grids) < len(phases_of(model)) or not grids:
+        raise TeamError(f"'{model.name}': to move a plan ahead its phases need a fixed start and a fixed duration.")
+    (first, times), *others = grids.items()
+    for name, grid in others:
+        if grid != times:
+            raise TeamError(f"'{model.name}': phases '{first}' and '{name}' have different times. Give them one mesh.")
+    steps = np.diff(times)
+    if np.ptp(steps) > NEGLIGIBLE * (times[-1] - times[0]):
+        raise TeamError(
+            f"'{model.name}': the times of phase '{first}' are {steps.min():g} to {steps.max():g} apart. A plan is "
+            "moved ahead by elements of equal length with one point each, such as those of 'implicit_euler'."
+        )
+    return dict(pairwise(times))
+
+
+def _later_index(index: Hashable, later: Mapping[float, float]) -> Hashable | None:
+    """The index an element later; None where it holds no time, or the last one."""
+    entries = index if isinstance(index, tuple) else (index,)
+    moved = tuple(later.get(entry, entry) if isinstance(entry, float) else entry for entry in entries)
+    if moved == entries:
+        return None
+    return moved if isinstance(index, tuple) else moved[0]
+
+
+def later_variables(model: Any, variables: Sequence[VarData]) -> list[VarData]:
+    """What an element later is what each variable is now: its component there; the variable itself where nothing is.
+
+    Parameters
+    ----------
+    model : Block
+    variables : sequence of VarData
+    """
+    later, found = later_times(model), []
+    for variable in variables:
+        component, index = variable.parent_component(), _later_index(variable.index(), later)
+        found.append(component[index] if index is not None and index in component else variable)
+    return found

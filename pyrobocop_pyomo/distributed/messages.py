@@ -22,11 +22,17 @@ class QuantityFacts:
         Its indices, in order.
     units : str
         As the model declares them, empty where it does not.
+    group : int
+        The number of its `Shared`.
+    penalty : float
+        As given.
     """
 
     name: str
     keys: tuple[object, ...]
     units: str
+    group: int
+    penalty: float
 
 
 @dataclass(frozen=True)
@@ -37,10 +43,6 @@ class ProblemFacts:
     ----------
     quantities : tuple of QuantityFacts
         In the order of the agent's shared values.
-    groups : int array, shape (n,)
-        The number of the `Shared` that each value belongs to.
-    penalties : float array, shape (n,)
-        As given, of each value.
     has_pairs : bool
     values, fixed : float and bool arrays, shape (n,)
         First values of the shared variables, and which are fixed.
@@ -51,8 +53,6 @@ class ProblemFacts:
     """
 
     quantities: tuple[QuantityFacts, ...]
-    groups: np.ndarray
-    penalties: Array
     has_pairs: bool
     values: Array
     fixed: np.ndarray

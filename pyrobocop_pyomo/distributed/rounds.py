@@ -62,9 +62,6 @@ class Round(Presented):
         Of those without a usable point in this round.
     score : PlanScore or None
         Of the combined plan, where it was asked for.
-    seconds : float
-        Elapsed.
-    hub : str or None
     """
 
     number: int
@@ -77,19 +74,10 @@ class Round(Presented):
     reports: Mapping[str, tuple[str, int, float]]
     failures: Mapping[str, str]
     score: PlanScore | None
-    seconds: float
-    hub: str | None = None
 
     def agrees(self, tolerance: float) -> bool:
         """Whether neither disagreement nor change exceeds a tolerance."""
         return bool(max(self.disagreement.max(initial=0.0), self.change.max(initial=0.0)) <= tolerance)
-
-    @property
-    def parallel_cpu_seconds(self) -> float:
-        """Of the slowest robot, and of the hub that follows."""
-        of_robots = [seconds for name, (_, _, seconds) in self.reports.items() if name != self.hub]
-        of_hub = self.reports[self.hub][2] if self.hub is not None and self.hub in self.reports else 0.0
-        return max(of_robots, default=0.0) + of_hub
 
     def _summary(self) -> str:
         return (

@@ -21,12 +21,10 @@ from .agents import Agent, KeepApart, Shared
 from .checkpoint import Checkpoint
 from .closing import ClosedPlan
 from .coordination import Coordination, Physics, Plans, TeamState
-from .hub_method import Hub
 from .local_problem import ProblemSpec
 from .merging import MergedModel, merge_agents, variables_behind
-from .method import Method
+from .method import Hub, Method, Sova
 from .rounds import PlanScore, Round, ends_rounds, is_success
-from .sova import Sova
 from .team_result import TeamResult
 
 logger = logging.getLogger(__name__)
@@ -148,17 +146,14 @@ class Team:
         if rule is not None and method.closing is None:  # a closing step keeps robots apart by itself
             neighbours = min(rule.neighbours, len(self.robots) - 1)
         of_robots, of_hub = self._components_of_plans()
-        specs = []
-        if not method.has_hub:
-            everything = self._shared_by(self.names)
-            for robot in self.robots:
-                agents = (robot,) if self.hub is None else (self.hub, robot)
-                specs.append(ProblemSpec(robot.name, agents, everything, rule, neighbours, (*of_robots, *of_hub)))
-            return specs
-        assert self.hub is not None
-        specs.append(ProblemSpec(self.hub.name, (self.hub,), self._shared_by(self.names), plan=of_hub))
-        for robot in self.robots:
-            specs.append(ProblemSpec(robot.name, (robot,), self._shared_by([robot.name]), rule, neighbours, of_robots))
+        if self.hub is not None and method.has_hub:
+            specs = [ProblemSpec(self.hub.name, (self.hub,), self._shared_by(self.names), plan=of_hub)]
+            parts = [((robot,), self._shared_by([robot.name]), of_robots) for robot in self.robots]
+        else:  # every robot plans for the hub as well, with what all others do
+            hub, specs = () if self.hub is None else (self.hub,), []
+            parts = [((*hub, robot), self._shared_by(self.names), (*of_robots, *of_hub)) for robot in self.robots]
+        for robot, (agents, shared, plan) in zip(self.robots, parts, strict=True):
+            specs.append(ProblemSpec(robot.name, agents, shared, rule, neighbours, plan))
         return specs
 
     def _components_of_plans(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -220,8 +215,8 @@ class Team:
 
         Parameters
         ----------
-        method : "hub", "sova", "paper", or a method such as ``Hub(rounds=40)``
-            "hub" is the default where the team has one, otherwise "sova". "paper" is `Sova.paper`.
+        method : "hub", "sova", or a method such as ``Hub(rounds=40)``
+            "hub" is the default where the team has one, otherwise "sova".
         engine : str or Engine
             Where the agents live: ``"serial"``, ``"process"``, ``"dask"``, ``"mpi"``. The iterates are the same on all.
         checkpoint : path, optional
@@ -267,13 +262,11 @@ def find_method(method: Method | str, team: Team) -> Method:
     TeamError
         For an unknown name, or the hub method without a hub.
     """
-    if method == "hub" and team.hub is None:
-        method = "sova"
     if isinstance(method, str):
-        known: dict[str, Callable[[], Method]] = {"hub": Hub, "sova": Sova, "paper": Sova.paper}
+        known: dict[str, Callable[[], Method]] = {"hub": Sova if team.hub is None else Hub, "sova": Sova}
         if method not in known:
             raise TeamError(f"method = {method!r}; expected {', '.join(map(repr, known))}, or a method.")
-        return find_method(known[method](), team)
+        return known[method]()
     if method.has_hub and team.hub is None:
         raise TeamError("the hub method needs a hub: give hub=Agent(...) to Team, or use Sova.")
     return method
@@ -302,7 +295,7 @@ class _Rounds:
                 self._progress.live(self._line(record))
                 done = self._is_done(record) or self._is_closed(state, record)
                 if path is not None:
-                    self._save(path, mark, state)
+                    Checkpoint(state.round, mark, work.engine.states(), state.arrays()).save(path)
                 if self._on_round is not None and self._on_round(record) is False:
                     done = True
         except KeyboardInterrupt:
@@ -368,9 +361,6 @@ class _Rounds:
         )  # fmt: skip
 
     # ---------------------------------------------------------------- checkpoints
-
-    def _save(self, path: Path, mark: str, state: TeamState) -> None:
-        Checkpoint(state.round, mark, self._work.engine.states(), state.arrays()).save(path)
 
     def _resume(self, path: Path, mark: str) -> TeamState:
         saved = Checkpoint.load(path, mark)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -17,10 +16,8 @@ from pyrobocop_pyomo.numerics import Array
 
 from .agents import Shared
 from .coordination import Coordination, TeamState
-from .hub_method import Hub
 from .method import Method
 from .rounds import BarrierPath, Round, is_success
-from .sova import Sova
 from .team import Team, find_method
 
 Measured = Mapping[str, Mapping[str, float]]
@@ -35,13 +32,10 @@ class PlanningStep:
     number : int
         From 0, which is the first plan.
     rounds : sequence of Round
-    seconds : float
-        Elapsed.
     """
 
     number: int
     rounds: Sequence[Round]
-    seconds: float
 
     @property
     def disagreement(self) -> Array:
@@ -102,11 +96,8 @@ class TeamHorizon:
                 f"TeamHorizon: rounds = {rounds!r}, mu = {mu!r}; expected at least 1, and a positive number."
             )
         self.team = team
-        found = find_method(method, team)
-        if not isinstance(found, (Hub, Sova)):
-            raise TeamError(f"TeamHorizon: the method {found!r} is neither Hub nor Sova.")
         # A few rounds in each step, and no closing step: so the robots keep apart by themselves.
-        self._method = replace(found, closing=None)
+        self._method = replace(find_method(method, team), closing=None)
         self._in_steps: Method = replace(
             self._method, barrier=BarrierPath(mu, turn=mu, floor=mu), penalties=None, rounds=rounds
         )
@@ -133,14 +124,14 @@ class TeamHorizon:
         TeamError
             When an agent finds no point in its first round.
         """
-        started, method = time.perf_counter(), self._method
+        method = self._method
         self._state = method.begin(self._work)
         records: list[Round] = []
         while len(records) < method.rounds and not (records and self._is_good(records[-1])):
             records.append(method.round(self._work, self._state))
         if self._state.mu is not None:
             self._state.mu = self._in_steps.barrier.start
-        return PlanningStep(0, records, time.perf_counter() - started)
+        return PlanningStep(0, records)
 
     def step(self, measured: Measured, elements: int = 1) -> PlanningStep:
         """Plan from where the team is after so many elements of its plan.
@@ -162,13 +153,13 @@ class TeamHorizon:
         TeamError
             When states are missing, unknown or not finite, or there is no plan yet.
         """
-        started, state = time.perf_counter(), self._state
+        state = self._state
         if state is None:
             raise TeamError("TeamHorizon: there is no plan to go on from. Call plan() first.")
         self._move(state, self._starts(measured), elements)
         records = [self._in_steps.round(self._work, state) for _ in range(self._in_steps.rounds)]
         self._number += 1
-        return PlanningStep(self._number, records, time.perf_counter() - started)
+        return PlanningStep(self._number, records)
 
     def _move(self, state: TeamState, starts: Mapping[str, Mapping[str, float]], elements: int) -> None:
         """Move the plans of all agents ahead, and take over what they share then."""

@@ -10,7 +10,7 @@ from pushing_team import task, team
 from test_engine_laws import FragileEngine
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.distributed.shifting import later_times, later_variables
+from pyrobocop_pyomo.distributed.local_problem import later_times, later_variables
 from pyrobocop_pyomo.errors import TeamError
 
 pytestmark = pytest.mark.casadi

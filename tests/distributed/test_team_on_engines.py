@@ -16,7 +16,7 @@ from tiny_agents import worker_ids
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.distributed.messages import Order
 from pyrobocop_pyomo.execution.engine import Engine
-from pyrobocop_pyomo.execution.executor_engine import dask_engine
+from pyrobocop_pyomo.execution.engines import dask_engine
 
 pytestmark = [pytest.mark.slow, pytest.mark.casadi]
 METHOD = rcp.teams.Hub(rounds=8)
