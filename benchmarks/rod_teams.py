@@ -33,6 +33,7 @@ import statistics
 import sys
 import time
 from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +42,9 @@ from open_loop import play_back
 from table import Table, show_progress
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.distributed.messages import Order
 from pyrobocop_pyomo.execution.engine import AgentFailure
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 import rod
@@ -85,7 +88,38 @@ def is_replayed(team: rcp.Team, plans: Mapping[str, Mapping[str, np.ndarray]]) -
     return unsolved is None and float(np.hypot(x, y)) < 0.02 and abs(float(np.degrees(turn))) < 2.0
 
 
-def together(method: str, engine: Callable[[], Any] = rcp.teams.SerialEngine) -> Callable[[rcp.Team, int], dict]:
+class Paper(rcp.teams.Sova):
+    """Each round solves the problem with delta = 2 mu, from the primal point of the round before, as in the paper."""
+
+    def order(self, *arguments: Any, **further: Any) -> Order:
+        """With this delta in place of the barrier problem of mu."""
+        order = super().order(*arguments, **further)
+        return replace(order, mu=None, delta=2.0 * order.mu, tolerance=1e-6)
+
+
+# 12 rounds, constant penalties and delta = 1e-3, whatever the outcome.
+PAPER = Paper(
+    rcp.teams.BarrierPath(5e-4, turn=5e-4, floor=5e-4),
+    None,
+    rounds=12,
+    until="rounds",
+    iterations=5000,
+    closing=None,
+)
+
+
+def parallel_seconds(result: rcp.teams.TeamResult, hub: str) -> float:
+    """Of the slowest robot in each round, and of the hub that follows; and of the closing steps."""
+    total = sum(closed.cpu_seconds for closed in result.closings)
+    for record in result.rounds:
+        seconds = {name: used for name, (_, _, used) in record.reports.items()}
+        total += seconds.pop(hub, 0.0) + max(seconds.values(), default=0.0)
+    return total
+
+
+def together(
+    method: str | Paper, engine: Callable[[], Any] = rcp.teams.SerialEngine
+) -> Callable[[rcp.Team, int], dict]:
     """A team that plans in rounds."""
 
     def plan(team: rcp.Team, steps: int) -> dict[str, Any]:
@@ -103,13 +137,15 @@ def together(method: str, engine: Callable[[], Any] = rcp.teams.SerialEngine) ->
             "strict": result.score is not None and result.score.strict,
             "practical": result.score is not None and result.score.practical,
             "replayed": is_replayed(team, result.plans),
-            "local_success": result.local_success,
+            "local_success": all(
+                IpoptStatus[status].solved for record in result.rounds for status, _, _ in record.reports.values()
+            ),
             "rounds": len(result.rounds),
             "first": first,
             "cost": result.objective,
             "cpu": result.cpu_seconds,
             "closing": sum(closed.cpu_seconds for closed in result.closings),
-            "parallel": result.parallel_cpu_seconds,
+            "parallel": parallel_seconds(result, team.hub.name),
             "iterations": result.iterations,
             "disagreement": result.rounds[-1].disagreement.tolist(),
         }
@@ -172,7 +208,7 @@ PLANNERS = {
     "central": central,
     "hub": together("hub"),
     "network": together("hub", unreliable),
-    "paper": together("paper"),
+    "paper": together(PAPER),
 }
 
 

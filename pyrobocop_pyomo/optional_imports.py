@@ -33,9 +33,9 @@ animation, _ = attempt_import("matplotlib.animation", error_message=_remedy("Mat
 cloudpickle, cloudpickle_available = attempt_import(
     "cloudpickle", error_message=_remedy("cloudpickle", "dask"), catch_exceptions=(ImportError,)
 )
-distributed, distributed_available = attempt_import("distributed", error_message=_remedy("Dask distributed", "dask"))
+distributed, _ = attempt_import("distributed", error_message=_remedy("Dask distributed", "dask"))
 # Without an MPI library, mpi4py raises a RuntimeError. Its import initialises MPI.
-mpi, mpi_available = attempt_import(
+mpi, _ = attempt_import(
     "mpi4py.MPI", error_message=_remedy("mpi4py", "mpi"), catch_exceptions=(ImportError, RuntimeError)
 )
 mpi_futures, _ = attempt_import("mpi4py.futures", error_message=_remedy("mpi4py", "mpi"))

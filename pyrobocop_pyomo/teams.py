@@ -6,14 +6,12 @@ study are done, are values of `engine=`. A `Checkpoint` is a file to go on from.
 
 from pyrobocop_pyomo.distributed.checkpoint import Checkpoint
 from pyrobocop_pyomo.distributed.closing import Closing
-from pyrobocop_pyomo.distributed.hub_method import Hub
+from pyrobocop_pyomo.distributed.method import Hub, Sova
 from pyrobocop_pyomo.distributed.rounds import BarrierPath, Round, TargetedPenalties
-from pyrobocop_pyomo.distributed.sova import Sova
 from pyrobocop_pyomo.distributed.team_horizon import TeamHorizon
 from pyrobocop_pyomo.distributed.team_result import TeamResult
 from pyrobocop_pyomo.execution.engine import Engine
-from pyrobocop_pyomo.execution.engines import SerialEngine
-from pyrobocop_pyomo.execution.executor_engine import ExecutorEngine
+from pyrobocop_pyomo.execution.engines import ExecutorEngine, SerialEngine
 from pyrobocop_pyomo.execution.process_engine import ProcessEngine
 
 __all__ = [

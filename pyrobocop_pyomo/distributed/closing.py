@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from pyrobocop_pyomo.complementarity import active_sources, relax
+from pyrobocop_pyomo.complementarity import relax
 from pyrobocop_pyomo.errors import TeamError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.numerics import Array
@@ -79,7 +79,7 @@ class Closing:
             return record.number - max(tried, 0) >= self.every
         return record.mu <= self.below and (tried < 0 or record.number - tried >= self.every)
 
-    def carry_out(self, team: Any, values: Mapping[str, Mapping[str, Array]]) -> ClosedPlan:
+    def carry_out(self, team: Any, values: Mapping[str, Mapping[str, Array]], *, has_pairs: bool) -> ClosedPlan:
         """Plan for all agents in one model, from their values.
 
         Parameters
@@ -87,16 +87,17 @@ class Closing:
         team : Team
         values : mapping of agent to (mapping of component to float array)
             Of all variables in the agents' models.
+        has_pairs : bool
+            Whether any of these models has pairs.
 
         Returns
         -------
         ClosedPlan
             The best on the path, whatever it is worth: look at its score and its violation.
         """
-        started, merged = time.process_time(), team.central(keep_apart=False)
-        if active_sources(merged.model):
-            merged.put_on(values)
-            plan = self._follow(team, merged)
+        started = time.process_time()
+        if has_pairs:
+            plan = self._follow(team, values)
         else:
             # What robots agree on without a look at each other may lead to a worse optimum than their own guesses.
             solved = [_solved(team, start) for start in (values, {})]
@@ -105,8 +106,10 @@ class Closing:
         plan.cpu_seconds = time.process_time() - started
         return plan
 
-    def _follow(self, team: Any, merged: MergedModel) -> ClosedPlan:
+    def _follow(self, team: Any, values: Mapping[str, Mapping[str, Array]]) -> ClosedPlan:
         """The best plan on the path of barrier parameters, with relaxed pairs."""
+        merged = team.central(keep_apart=False)
+        merged.put_on(values)
         plan, check = ClosedPlan({}, None, float("nan")), ModelCheck(merged.model)
         _keep_apart(team, merged, _NEAR)
         relax(merged.model, delta=1.0)

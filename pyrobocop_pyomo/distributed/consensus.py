@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import scipy
 
 from .agents import Shared
-from .messages import ProblemFacts
+from .messages import ProblemFacts, QuantityFacts
 
 Key = tuple[str, object]
 
@@ -34,6 +34,8 @@ class Consensus:
         What the team agrees on.
     groups : int array
         The number of the `Shared` that each belongs to.
+    penalties : float array
+        As given, of each.
 
     Raises
     ------
@@ -43,23 +45,23 @@ class Consensus:
 
     def __init__(self, facts: Mapping[str, ProblemFacts], shared: Sequence[Shared]) -> None:
         self._refuse_other_units(facts)
-        free: dict[Key, int] = {}
+        free: dict[Key, tuple[int, float]] = {}
         for fact in facts.values():
-            for key, fixed, group in zip(_keys_of(fact), fact.fixed.tolist(), fact.groups.tolist(), strict=True):
+            for (quantity, key), fixed in zip(_values_of(fact), fact.fixed.tolist(), strict=True):
                 if not fixed:
-                    free.setdefault(key, group)
+                    free.setdefault((quantity.name, key), (quantity.group, quantity.penalty))
         self._refuse_other_indices(facts, free)
         self.keys = list(free)
-        self.groups = np.array(list(free.values()), dtype=np.intp)
+        self.groups = np.array([group for group, _ in free.values()], dtype=np.intp)
+        self.penalties = np.array([penalty for _, penalty in free.values()], dtype=float)
         # From an agent's values to the team's: a matrix with a one for each value that needs agreement.
         number = {key: i for i, key in enumerate(self.keys)}
         self._to_team: dict[str, Any] = {}
         for name, fact in facts.items():
-            places = np.array([number.get(key, -1) for key in _keys_of(fact)], dtype=np.intp)
-            agreed = np.flatnonzero(places >= 0)
-            ones = np.ones(agreed.size)
-            shape = len(self.keys), places.size
-            self._to_team[name] = scipy.sparse.csr_array((ones, (places[agreed], agreed)), shape=shape)
+            keys = [(quantity.name, key) for quantity, key in _values_of(fact)]
+            agreed = [i for i, key in enumerate(keys) if key in number]
+            places, shape = [number[keys[i]] for i in agreed], (len(number), len(keys))
+            self._to_team[name] = scipy.sparse.csr_array((np.ones(len(agreed)), (places, agreed)), shape=shape)
 
     @staticmethod
     def _refuse_other_units(facts: Mapping[str, ProblemFacts]) -> None:
@@ -74,7 +76,7 @@ class Consensus:
                     )
 
     @staticmethod
-    def _refuse_other_indices(facts: Mapping[str, ProblemFacts], free: Mapping[Key, int]) -> None:
+    def _refuse_other_indices(facts: Mapping[str, ProblemFacts], free: Iterable[Key]) -> None:
         held = {name: {of.name: set(of.keys) for of in fact.quantities} for name, fact in facts.items()}
         for label, index in free:
             holders = [name for name in facts if label in held[name]]
@@ -100,27 +102,10 @@ class Consensus:
         """An agent's values in the order of the team's; 0 where it has none."""
         return self._to_team[name] @ values
 
-    def masked(self, name: str, values: Array) -> Array:
-        """An agent's values, 0 where no agreement is needed."""
-        return self.of_agent(name, self.of_team(name, values))
-
-    def presence(self, name: str) -> Array:
-        """1 for each of the team's values that an agent holds, 0 for the others."""
-        return self.of_team(name, np.ones(self._to_team[name].shape[1]))
-
-    def mean(self, values: Mapping[str, Array]) -> Array:
-        """Mean of all agents' values, in the team's order."""
-        total, count = np.zeros((2, len(self.keys)))
-        for name, own in values.items():
-            total += self.of_team(name, own)
-            count += self.presence(name)
-        return total / np.maximum(count, 1)
-
-    def seen_by(self, name: str, other: str, values: Mapping[str, Array]) -> Array:
-        """Another agent's values in the order of the first one's; its own where the other does not hold a value."""
-        is_held = self.of_agent(name, self.presence(other)) > 0
-        return np.where(is_held, self.of_agent(name, self.of_team(other, values[other])), values[name])
+    def weights(self, factors: Array) -> Array:
+        """The penalties, each group of them times its factor."""
+        return factors[self.groups] * self.penalties
 
 
-def _keys_of(fact: ProblemFacts) -> Iterator[Key]:
-    return ((quantity.name, key) for quantity in fact.quantities for key in quantity.keys)
+def _values_of(fact: ProblemFacts) -> Iterator[tuple[QuantityFacts, object]]:
+    return ((quantity, key) for quantity in fact.quantities for key in quantity.keys)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -18,7 +17,7 @@ from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
 from .consensus import Consensus
 from .messages import Order, ProblemFacts, Report
-from .rounds import BarrierPath, PlanScore, Round, TargetedPenalties
+from .rounds import PlanScore, Round
 
 logger = logging.getLogger(__name__)
 
@@ -27,7 +26,6 @@ _MEMORY = 12
 _WORSE = 2.0  # times the last residual: an extrapolation after which it has grown more is not trusted
 
 Plans = Mapping[str, Mapping[str, Array]]
-Residuals = tuple[Array, Array, Array]
 
 
 class Physics(Protocol):
@@ -45,13 +43,13 @@ class Physics(Protocol):
         """Score the plans of all agents."""
 
 
-def extrapolated(steps: list[tuple[Array, Array]], point: Array, image: Array) -> Array:
+def extrapolated(steps: list[Array], point: Array, image: Array) -> Array:
     """Where an iteration goes on from: the point at which its linear model stands still (Anderson acceleration).
 
     Parameters
     ----------
-    steps : list of (point, image)
-        The last ones; this one is added.
+    steps : list of array, shape (2, n)
+        The last points and images; this one is added.
     point : float array, shape (n,)
     image : float array, shape (n,)
         What the iteration made of it.
@@ -67,10 +65,10 @@ def extrapolated(steps: list[tuple[Array, Array]], point: Array, image: Array) -
         before, after = steps[-1]
         if np.linalg.norm(image - point) > _WORSE * np.linalg.norm(after - before):
             steps.clear()
-    steps[:] = [*steps, (point.copy(), image.copy())][-_MEMORY:]
+    steps[:] = [*steps, np.array([point, image])][-_MEMORY:]
     if len(steps) < 2:
         return image
-    points, images = (np.array(column) for column in zip(*steps, strict=True))
+    points, images = np.array(steps).swapaxes(0, 1)
     residuals = np.diff(images - points, axis=0)
     weights = np.linalg.lstsq(residuals.T, image - point, rcond=1e-10)[0]
     return image - np.diff(images, axis=0).T @ weights
@@ -86,13 +84,14 @@ class TeamState:
         Number of the next round.
     mu : float or None
     factors : float array
-    target : float array
-        What the hub proposes; the mean of all copies where there is no hub.
-    values, multipliers : dict of agent to float array
-    positions : dict of agent to float array
+        On the penalties of each `Shared`.
+    target : float array, shape (n,)
+        What the hub proposes, the mean of all copies where there is no hub, for each of `Consensus.keys`.
+    values, multipliers : float array, shape (robots, n)
+        0 for what a robot does not hold.
     closing_tried : int
         Number of the round after which the closing step was tried last; -1 where it was not.
-    steps : list of (array, array)
+    steps : list of array, shape (2, size)
         What the acceleration remembers of the last rounds, where there are no pairs.
     """
 
@@ -100,33 +99,20 @@ class TeamState:
     mu: float | None
     factors: Array
     target: Array
-    values: dict[str, Array]
-    multipliers: dict[str, Array]
-    positions: dict[str, Array]
+    values: Array
+    multipliers: Array
     closing_tried: int = -1
-    steps: list[tuple[Array, Array]] = field(default_factory=list)
+    steps: list[Array] = field(default_factory=list)
 
     def arrays(self) -> dict[str, Array]:
         """Everything that there is as arrays by name."""
-        arrays: dict[str, Array] = {}
-        for name, held in vars(self).items():
-            if isinstance(held, dict):
-                arrays.update({f"{name}/{agent}": np.array(array) for agent, array in held.items()})
-            elif held is not None:
-                arrays[name] = np.array(held)
-        return arrays
+        return {name: np.array(held) for name, held in vars(self).items() if held is not None}
 
     @classmethod
     def of_arrays(cls, arrays: Mapping[str, Array]) -> TeamState:
         """The state that `arrays` gave."""
-        held: dict[str, Any] = {"mu": None, "values": {}, "multipliers": {}, "positions": {}}
-        for name, array in arrays.items():
-            what, _, agent = name.partition("/")
-            if agent:
-                held[what][agent] = np.array(array)
-            else:
-                held[name] = np.array(array) if array.ndim else array.item()
-        return cls(**{**held, "steps": [(point, image) for point, image in held["steps"]]})
+        held: dict[str, Any] = {name: np.array(array) if array.ndim else array.item() for name, array in arrays.items()}
+        return cls(**{"mu": None, **held, "steps": list(held["steps"])})
 
 
 class Coordination:
@@ -142,14 +128,17 @@ class Coordination:
     Attributes
     ----------
     facts : dict of agent to ProblemFacts
+    consensus : Consensus
+    held : float array, shape (robots, n)
+        1 for each of the team's values that a robot holds, 0 for the others.
     robots : sequence of str
         Names of the agents that plan a motion of their own.
     hub : str
         Empty where there is none.
     nearest : dict of agent to float array
         Positions that it keeps away from in this round.
-    scored : bool
-        Whether the plan of this round is scored.
+    plans : dict of agent to (mapping of component name to float array)
+        The last ones that could be used.
 
     Raises
     ------
@@ -165,10 +154,12 @@ class Coordination:
         specs = team.problem_specs(method)
         self._neighbours = max(spec.neighbours for spec in specs)
         self.facts: dict[str, ProblemFacts] = engine.start(specs)
+        self.plans = {name: fact.plan for name, fact in self.facts.items()}
         self._check()
         self.consensus = Consensus(self.facts, team.shared)
+        ones = {robot: np.ones(self.facts[robot].fixed.size) for robot in self.robots}
+        self.held = np.array([self.consensus.of_team(robot, values) for robot, values in ones.items()])
         self.rounds: list[Round] = []
-        self.plans: dict[str, Mapping[str, Array]] = {}
         self.frozen: dict[str, str] = {}
         self._objectives: dict[str, float] = {}
 
@@ -184,7 +175,8 @@ class Coordination:
                     "not share, so that each would choose values of its own. Add Shared(...) with it, such as "
                     "Shared('push[{robot}]') for the wrench of each robot."
                 )
-        if len({fact.positions.shape for fact in self.facts.values() if fact.positions is not None}) > 1:
+        rule = self.team.keep_apart
+        if rule is not None and len({self.plans[robot][rule.components[0]].shape for robot in self.robots}) > 1:
             raise TeamError(
                 "KeepApart: the robots have positions at different numbers of times. Give all the same mesh."
             )
@@ -192,21 +184,44 @@ class Coordination:
     def first_state(self, mu: float) -> TeamState:
         """The state before any round: no values, multipliers zero, penalties as given; mu where there are pairs."""
         has_pairs = any(fact.has_pairs for fact in self.facts.values())
-        multipliers = {name: np.zeros(self.facts[name].values.size) for name in self.robots}
-        positions = {name: fact.positions for name, fact in self.facts.items() if fact.positions is not None}
-        return TeamState(
-            0, mu if has_pairs else None, np.ones(len(self.team.shared)), np.zeros(0), {}, multipliers, positions
-        )
+        target, factors = np.zeros(len(self.consensus.keys)), np.ones(len(self.team.shared))
+        zeros = np.zeros_like(self.held)
+        return TeamState(0, mu if has_pairs else None, factors, target, zeros, zeros.copy())
 
-    def begin_round(self, state: TeamState, *, scored: bool = False) -> None:
+    def begin_round(self) -> None:
         """Forget the reports of the round before, and see who is near."""
         self._asked: dict[str, Report] = {}
         self._failed: dict[str, str] = {}
-        self._started, self.scored = time.perf_counter(), scored
-        self.nearest = self._nearest(state.positions)
+        self.nearest = self._nearest()
 
-    def ask(self, orders: Mapping[str, Order]) -> dict[str, Report]:
-        """Have orders carried out; only the reports that can be used come back."""
+    def ask(self, orders: Mapping[str, Order], *, until_all: bool = False) -> dict[str, Report]:
+        """Have orders carried out; only the reports that can be used come back.
+
+        Parameters
+        ----------
+        orders : mapping of agent to Order
+        until_all : bool
+            Ask again for those that are missing: a report may have been lost on its way.
+
+        Raises
+        ------
+        TeamError
+            Where one is missing all the same: without a first point of an agent there is nothing to go on from.
+        """
+        reports = self._ask(orders)
+        for _ in range(_FIRST_TRIES if until_all else 0):
+            missing = {name: order for name, order in orders.items() if name not in reports}
+            reports.update(self._ask(missing) if missing else {})
+        for name in orders if until_all else ():
+            if name not in reports:
+                raise TeamError(
+                    f"agent '{name}' found no point in its first round ({self._failed.get(name, 'no report')}). Check "
+                    "its model alone: build it and call rcp.solve, or rcp.diagnose. If rcp.solve succeeds by other "
+                    "starts or rounds, which agents do not make, let the builder initialize its phases with that plan."
+                )
+        return reports
+
+    def _ask(self, orders: Mapping[str, Order]) -> dict[str, Report]:
         wanted = {name: order for name, order in orders.items() if name not in self.frozen}
         usable: dict[str, Report] = {}
         for name, reply in self.engine.solve(wanted).items():
@@ -223,34 +238,10 @@ class Coordination:
             if reply.usable and np.isfinite(reply.values).all():
                 usable[name] = reply
                 self._objectives[name] = reply.objective
-                if reply.plan:
-                    self.plans[name] = reply.plan
+                self.plans[name] = reply.plan
             else:
                 self._failed[name] = f"Ipopt: {reply.status}"
         return usable
-
-    def ask_until_all(self, orders: Mapping[str, Order]) -> dict[str, Report]:
-        """Have orders carried out, again for those without a point: a report may have been lost on its way.
-
-        Raises
-        ------
-        TeamError
-            Without a first point of an agent there is nothing to go on from.
-        """
-        reports = self.ask(orders)
-        for _ in range(_FIRST_TRIES):
-            missing = {name: order for name, order in orders.items() if name not in {*reports, *self.frozen}}
-            if not missing:
-                break
-            reports.update(self.ask(missing))
-        for name in orders:
-            if name not in reports:
-                raise TeamError(
-                    f"agent '{name}' found no point in its first round ({self._failed.get(name, 'no report')}). Check "
-                    "its model alone: build it and call rcp.solve, or rcp.diagnose. If rcp.solve succeeds by other "
-                    "starts or rounds, which agents do not make, let the builder initialize its phases with that plan."
-                )
-        return reports
 
     def all_values(self) -> dict[str, Mapping[str, Array]]:
         """Values of all variables, by agent and by name in its own model."""
@@ -259,71 +250,87 @@ class Coordination:
             values = {**reply, **values}
         return values
 
-    @staticmethod
-    def take(state: TeamState, reports: Mapping[str, Report]) -> None:
-        """Put the robots' new values and positions into the state; the others keep theirs."""
-        state.values.update({name: report.values for name, report in reports.items()})
-        state.positions.update({name: r.positions for name, r in reports.items() if r.positions is not None})
+    def go_on_from(self, states: Mapping[str, Mapping[str, Array]]) -> None:
+        """Put agents into states that the engine gave, and see what their plans are there."""
+        self.engine.restore(states)
+        self.plans.update(self.engine.call_all("plan", dict.fromkeys(self.facts, ())))
 
-    def end_round(
-        self,
-        state: TeamState,
-        residuals: Residuals,
-        barrier: BarrierPath,
-        penalties: TargetedPenalties | None,
-    ) -> Round:
-        """Record the round, with its score where it is wanted, and move the schedules on."""
-        score = None
-        if self.scored and set(self.plans) >= set(self.robots):
-            score = self.team.physics(self.plans)
+    def take(self, state: TeamState, reports: Mapping[str, Report]) -> None:
+        """Put the robots' new values into the state; the others keep theirs."""
+        for number, name in enumerate(self.robots):
+            if name in reports:
+                state.values[number] = self.consensus.of_team(name, reports[name].values)
+
+    def values_of(self, name: str, values: Array) -> Array:
+        """The team's values in the order of an agent's; what is fixed wherever it exists as in its model."""
+        is_agreed = self.consensus.of_agent(name, np.ones_like(values)) > 0
+        return np.where(is_agreed, self.consensus.of_agent(name, values), self.facts[name].values)
+
+    def end_round(self, state: TeamState, gaps: Array, moved: Array, *, scored: bool) -> Round:
+        """Record the round, with the score of its plan where that is wanted and there is physics.
+
+        Parameters
+        ----------
+        state : TeamState
+        gaps : float array, shape (robots, n)
+            From what is agreed on to the robots' values.
+        moved : float array, shape (n,)
+            How what is agreed on has changed.
+        scored : bool
+        """
+        physics, apart = self.team.physics, np.abs(gaps).max(axis=0)
+        score = physics(self.plans) if scored and physics is not None else None
         record = Round(
             state.round,
             state.mu,
-            *residuals,
+            self._largest(apart),
+            self._largest(np.abs(moved)),
+            self._largest(np.sqrt(self.consensus.penalties) * apart),
             state.factors.copy(),
             float(sum(self._objectives.values())),
             {name: (report.status, report.iterations, report.cpu_seconds) for name, report in self._asked.items()},
             dict(self._failed),
             score,
-            time.perf_counter() - self._started,
-            self.hub or None,
         )
         self.rounds.append(record)
-        if penalties is not None:
-            state.factors = penalties.after(state.factors, state.mu, record.scaled)
-        if state.mu is not None:
-            state.mu = barrier.after(state.mu, record.disagreement)
         state.round += 1
         return record
 
-    def residuals(self, state: TeamState, agreed: Array, before: Array) -> tuple[Residuals, dict[str, Array]]:
-        """Disagreement, change and scaled disagreement, as a `Round` has them, and each robot's gap."""
-        disagreement, change, scaled = np.zeros((3, len(self.team.shared)))
-        gaps = {}
-        for name in self.robots:
-            fact, own = self.facts[name], self.consensus.of_agent(name, agreed)
-            gaps[name] = self.consensus.masked(name, state.values[name]) - own
-            moved = own - self.consensus.of_agent(name, before)
-            np.maximum.at(disagreement, fact.groups, np.abs(gaps[name]))
-            np.maximum.at(change, fact.groups, np.abs(moved))
-            np.maximum.at(scaled, fact.groups, np.sqrt(fact.penalties) * np.abs(gaps[name]))
-        return (disagreement, change, scaled), gaps
+    def extrapolate(self, state: TeamState, target: Array, multipliers: Array, *, is_complete: bool) -> None:
+        """Go on from where a round without pairs leads, not from where it has ended.
 
-    @staticmethod
-    def tolerance(mu: float | None) -> float:
-        """Tolerance of a solve: on the way, no more exact than the next barrier problem differs from this one."""
-        if mu is None:
-            return 1e-8
-        return max(1e-6, mu if mu > 1.5e-3 else 0.1 * mu)
+        Parameters
+        ----------
+        state : TeamState
+        target, multipliers : float arrays
+            Before the round.
+        is_complete : bool
+            Whether all robots have reported: another round is no value of the map that is learned.
+        """
+        if state.mu is not None or not is_complete:
+            state.steps.clear()
+            return
+        scale = np.sqrt(self.consensus.penalties)  # in comparable units
+        point = np.vstack([target * scale, multipliers / scale])
+        image = np.vstack([state.target * scale, state.multipliers / scale])
+        moved = extrapolated(state.steps, point.ravel(), image.ravel()).reshape(point.shape)
+        state.target, state.multipliers = moved[0] / scale, moved[1:] * scale
 
-    def _nearest(self, positions: Mapping[str, Array]) -> dict[str, Array]:
+    def _largest(self, values: Array) -> Array:
+        """Of each `Shared`."""
+        largest = np.zeros(len(self.team.shared))
+        np.maximum.at(largest, self.consensus.groups, values)
+        return largest
+
+    def _nearest(self) -> dict[str, Array]:
         """For each robot the positions of the nearest others, at each time of their own."""
         if not self._neighbours:
             return {}
-        names, points = list(positions), np.array(list(positions.values()))
+        components = self.team.keep_apart.components
+        points = np.array([[self.plans[robot][component] for component in components] for robot in self.robots])
         distances = np.linalg.norm(points[:, None] - points[None], axis=2)
         nearest: dict[str, Array] = {}
-        for i, name in enumerate(names):
+        for i, name in enumerate(self.robots):
             distances[i, i] = np.inf
             # Stable, so that equal distances are taken in the same order everywhere.
             order = np.argsort(distances[i], axis=0, kind="stable")[: self._neighbours]

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.param import Param
-from pyomo.core.base.var import Var
+from pyomo.core.base.var import Var, VarData
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.complementarity import FollowBarrier, active_sources, relax
 from pyrobocop_pyomo.errors import EvaluationError, TeamError
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.phases import Control, phases_of
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
 from pyrobocop_pyomo.programs.quadratic_cost import QuadraticCost
@@ -25,7 +27,6 @@ from pyrobocop_pyomo.studies.persistent_nlp import PersistentNLP
 from .agents import Agent, KeepApart, Shared
 from .merging import merge_agents, variable_numbers, variables_behind
 from .messages import Order, ProblemFacts, QuantityFacts, Report
-from .shifting import TimeShift
 
 FAR_AWAY = 1e3  # metres: where a neighbour stands that a robot does not have
 DELTA = FollowBarrier(floor=1e-9, factor=2.0)
@@ -88,45 +89,27 @@ class LocalProblem:
         self.model = self._merged.model
         self._quantities: list[QuantityFacts] = []
         self._variables: list[Any] = []
-        penalties: list[float] = []
-        groups: list[int] = []
         for group, shared, names in spec.shared:
-            lengths = [len(keys) for name in names for keys in self._share(name)]
-            groups += [group] * sum(lengths)
-            penalties += self._penalties_of(shared, lengths).tolist()
-        self._groups, self._penalties = np.array(groups, dtype=np.intp), np.array(penalties, dtype=float)
+            self._share(group, shared, [variable for name in names for variable in self._variables_of(name)])
         self.cost = QuadraticCost(self._variables)
         rule = spec.keep_apart
         self._coordinates = [] if rule is None else [self._coordinate(name) for name in rule.components]
         if rule is not None and spec.neighbours:
             self._keep_apart(rule, spec.neighbours)
-        self.read(spec.plan)  # refuses names of nothing
-        self._barrier = None
-        self._shift: TimeShift | None = None
-        if active_sources(self.model):
+        self.plan()  # refuses names of nothing
+        self._later: tuple[list[Any], list[int]] | None = None
+        self._has_pairs = bool(active_sources(self.model))
+        if self._has_pairs:
             relax(self.model, delta=1.0)
-            self._barrier = _OrderedDelta()
+        barrier = DELTA if self._has_pairs else None
         self.nlp = PersistentNLP(
-            self.model,
-            IPOPT_OPTIONS,
-            barrier=self._barrier,
-            quadratic=self.cost,
-            go_on_after_limit=True,
+            self.model, IPOPT_OPTIONS, barrier=barrier, quadratic=self.cost, go_on_after_limit=True
         )
 
     # ---------------------------------------------------------------- building
 
-    def _component(self, name: str) -> Any:
-        component = self._merged.find(name)
-        if component is None:
-            known = ", ".join(c.name for c in self.model.component_objects(Var, descend_into=True)) or "none"
-            raise TeamError(
-                f"agent '{self.spec.name}': its model has no component '{name}'. Its variables are {known}."
-            )
-        return component
-
     def _coordinate(self, name: str) -> Any:
-        component = self._component(name)
+        component = self._merged.find(name)
         if component.ctype is not Var or not component.is_indexed():
             raise TeamError(
                 f"agent '{self.spec.name}': KeepApart has '{name}', a {type(component).__name__}. Name variables over "
@@ -134,40 +117,41 @@ class LocalProblem:
             )
         return component
 
-    def _share(self, name: str) -> Iterator[tuple[object, ...]]:
-        """Add what a name stands for to the shared variables; gives the indices of each."""
-        component = self._component(name)
+    def _variables_of(self, name: str) -> list[Any]:
+        component = self._merged.find(name)
         found = variables_behind(component)
         if not found:
             raise TeamError(
                 f"agent '{self.spec.name}': '{name}' is no variable and no block with variables, but "
                 f"{type(component).__name__}. Share variables."
             )
-        for variable in found:
-            own_name, data = self._merged.own_name(variable), list(variable.values())
-            if any(known.name == own_name for known in self._quantities):
-                raise TeamError(f"agent '{self.spec.name}': '{own_name}' is shared twice. Name it once.")
-            units = next((str(v.get_units()) for v in data if v.get_units() is not None), "")
-            self._quantities.append(QuantityFacts(own_name, tuple(variable.keys()), units))
-            self._variables += data
-            yield self._quantities[-1].keys
+        return found
 
-    def _penalties_of(self, shared: Shared, lengths: list[int]) -> Array:
+    def _share(self, group: int, shared: Shared, variables: list[Any]) -> None:
         given = np.asarray(shared.penalty)
-        if given.ndim and given.size != len(lengths):
+        if given.ndim and given.size != len(variables):
             raise TeamError(
                 f"agent '{self.spec.name}': Shared({', '.join(map(repr, shared.components))}) stands for "
-                f"{len(lengths)} variables, its penalty is for {given.size}. Give one number, or one for each variable."
+                f"{len(variables)} variables, its penalty is for {given.size}. Give one number, or one for each "
+                "variable."
             )
-        return np.repeat(np.broadcast_to(given, len(lengths)), lengths)
+        for variable, penalty in zip(variables, np.broadcast_to(given, len(variables)).tolist(), strict=True):
+            name, data = self._merged.own_name(variable), list(variable.values())
+            if any(known.name == name for known in self._quantities):
+                raise TeamError(f"agent '{self.spec.name}': '{name}' is shared twice. Name it once.")
+            units = next((str(v.get_units()) for v in data if v.get_units() is not None), "")
+            self._quantities.append(QuantityFacts(name, tuple(variable.keys()), units, group, penalty))
+            self._variables += data
 
     def _keep_apart(self, rule: KeepApart, neighbours: int) -> None:
         """Rows that keep the robot away from points that are numbers."""
         coordinates = self._coordinates
-        self._is_free = np.array([any(not c[key].fixed for c in coordinates) for key in coordinates[0]])
-        keys = [key for key, is_free in zip(coordinates[0], self._is_free.tolist(), strict=True) if is_free]
+        keys, times = (
+            [key for key in coordinates[0] if any(not c[key].fixed for c in coordinates)],
+            list(coordinates[0]),
+        )
         block = self.model.keep_apart = Block(concrete=True)
-        block.others = Param(range(neighbours), range(len(coordinates)), keys, initialize=FAR_AWAY, mutable=True)
+        block.others = Param(range(neighbours), range(len(coordinates)), times, initialize=FAR_AWAY, mutable=True)
         self._others = list(block.others.values())
         block.rows = Constraint(
             range(neighbours),
@@ -177,23 +161,16 @@ class LocalProblem:
             ),
         )
 
-    def _read_positions(self) -> Array | None:
-        if not self._coordinates:
-            return None
-        return np.array([variable_numbers(coordinate.values()) for coordinate in self._coordinates])
-
     # ---------------------------------------------------------------- what an engine asks for
 
     def facts(self) -> ProblemFacts:
         """What the coordinator has to know of this problem."""
         return ProblemFacts(
             tuple(self._quantities),
-            self._groups,
-            self._penalties,
-            self._barrier is not None,
+            self._has_pairs,
             variable_numbers(self._variables),
             np.array([variable.fixed for variable in self._variables], dtype=bool),
-            self._read_positions(),
+            self.plan(),
             {name: tuple(self._own_controls(part)) for name, part in self._merged.parts.items()},
         )
 
@@ -216,16 +193,15 @@ class LocalProblem:
                 if not variable.fixed:
                     variable.set_value(number, skip_validation=True)
         if order.others is not None:
-            numbers = order.others[:, :, self._is_free].ravel().tolist()
-            for parameter, number in zip(self._others, numbers, strict=True):
+            for parameter, number in zip(self._others, order.others.ravel().tolist(), strict=True):
                 parameter.set_value(number)
         self.cost.linear[:] = order.linear
         self.cost.diagonal[:] = order.diagonal
-        if self._barrier is not None:
-            self._barrier.fixed = None if order.mu is not None else order.delta
+        if order.delta is not None:  # the same for every mu below 1
+            self.nlp.barrier = FollowBarrier(floor=order.delta, factor=order.delta)
         options: dict[str, Any] = {"tol": order.tolerance, "max_iter": order.iterations}
         started = time.process_time()
-        outcome = self.nlp.solve(options, warm=order.warm, mu=order.mu or 1e-4, mu_target=order.mu)
+        outcome = self.nlp.solve(options, warm=order.delta is None, mu=order.mu or 1e-4, mu_target=order.mu)
         usable = self.nlp.goes_on_from_last_point
         return Report(
             variable_numbers(self._variables),
@@ -234,8 +210,7 @@ class LocalProblem:
             outcome.iterations,
             time.process_time() - started,
             self._own_objective(),
-            self._read_positions(),
-            self.read(self.spec.plan) if order.with_plan else {},
+            self.plan(),
         )
 
     def state(self) -> dict[str, Array]:
@@ -264,9 +239,13 @@ class LocalProblem:
         """
         return {name: float(paths[0][element].value) for name, paths in self._paths_of_states().items()}
 
+    def plan(self) -> dict[str, Array]:
+        """What the coordinator reads of it."""
+        return self.read(self.spec.plan)
+
     def read(self, names: Iterable[str]) -> dict[str, Array]:
         """Values of components over their index, by name."""
-        return {name: variable_numbers(self._component(name).values()) for name in names}
+        return self._merged.values_of(names)
 
     def all_values(self) -> dict[str, dict[str, Array]]:
         """Values of all variables over their index, by agent and by name in its own model."""
@@ -279,7 +258,7 @@ class LocalProblem:
 
     def advance(
         self, start: Mapping[str, float], elements: int = 1, multipliers: Array | None = None
-    ) -> tuple[Array, Array | None, Array | None]:
+    ) -> tuple[Array, dict[str, Array], Array | None]:
         """Move the plan ahead in time, and multipliers with it; what comes after its end stays as the last element.
 
         Parameters
@@ -292,28 +271,28 @@ class LocalProblem:
 
         Returns
         -------
-        tuple of float arrays
-            Shared values and positions, as in `Report`, and the multipliers, moved as the values are.
+        tuple
+            Shared values and the plan, as in `Report`, and the multipliers, moved as the values are.
 
         Raises
         ------
         TeamError
             When the phases have no fixed, equal elements.
         """
-        if self._shift is None:
-            self._shift = TimeShift(self.model, self.nlp.compiled.variables)
-        shift, state = self._shift, self.nlp.state
+        if self._later is None:
+            place = {id(variable): i for i, variable in enumerate(self._variables)}
+            shared = [place.get(id(v), i) for i, v in enumerate(later_variables(self.model, self._variables))]
+            self._later = later_variables(self.model, self.nlp.compiled.variables), shared
+        (later, shared), state = self._later, self.nlp.state
         if state is not None:
             self.nlp.restore(state)  # what a solve that failed has left on the model is of no use
-        place = {id(variable): i for i, variable in enumerate(self._variables)}
-        sources = [place.get(id(shift.later(variable)), i) for i, variable in enumerate(self._variables)]
         for _ in range(elements):
-            multipliers = None if multipliers is None else multipliers[sources]
-            x = shift.values()
+            multipliers = None if multipliers is None else multipliers[shared]
+            x = variable_numbers(later)
             self.nlp.restore(PrimalDualPoint(x) if state is None else replace(state, x=x))
         if start:
             self._start_at(start)
-        return variable_numbers(self._variables), self._read_positions(), multipliers
+        return variable_numbers(self._variables), self.plan(), multipliers
 
     def _paths_of_states(self) -> dict[str, list[list[Any]]]:
         """Variables over time of the states that start where they are told, by name: one list in each agent's model."""
@@ -340,14 +319,59 @@ class LocalProblem:
             return float("nan")
 
 
-class _OrderedDelta:
-    """delta as an order says: twice the barrier parameter, or fixed."""
+def later_times(model: Any) -> dict[float, float]:
+    """Each time of a model's phases, and the one that takes its place an element later.
 
-    def __init__(self) -> None:
-        self.fixed: float | None = None
+    Parameters
+    ----------
+    model : Block
+        All of its phases have the same times, with fixed start, fixed duration, equal elements and one point in each.
 
-    def delta_for(self, mu: float) -> float:
-        return DELTA.delta_for(mu) if self.fixed is None else self.fixed
+    Returns
+    -------
+    dict of float to float
+        Without the last time.
 
-    def steps(self) -> Iterator[float]:
-        yield from DELTA.steps()
+    Raises
+    ------
+    TeamError
+        When there are no phases, or not such ones.
+    """
+    grids = {phase.name: list(phase.time) for phase in phases_of(model) if not phase.has_normalised_time}
+    if len(grids) < len(phases_of(model)) or not grids:
+        raise TeamError(f"'{model.name}': to move a plan ahead its phases need a fixed start and a fixed duration.")
+    (first, times), *others = grids.items()
+    for name, grid in others:
+        if grid != times:
+            raise TeamError(f"'{model.name}': phases '{first}' and '{name}' have different times. Give them one mesh.")
+    steps = np.diff(times)
+    if np.ptp(steps) > NEGLIGIBLE * (times[-1] - times[0]):
+        raise TeamError(
+            f"'{model.name}': the times of phase '{first}' are {steps.min():g} to {steps.max():g} apart. A plan is "
+            "moved ahead by elements of equal length with one point each, such as those of 'implicit_euler'."
+        )
+    return dict(pairwise(times))
+
+
+def _later_index(index: Hashable, later: Mapping[float, float]) -> Hashable | None:
+    """The index an element later; None where it holds no time, or the last one."""
+    entries = index if isinstance(index, tuple) else (index,)
+    moved = tuple(later.get(entry, entry) if isinstance(entry, float) else entry for entry in entries)
+    if moved == entries:
+        return None
+    return moved if isinstance(index, tuple) else moved[0]
+
+
+def later_variables(model: Any, variables: Sequence[VarData]) -> list[VarData]:
+    """What an element later is what each variable is now: its component there; the variable itself where nothing is.
+
+    Parameters
+    ----------
+    model : Block
+    variables : sequence of VarData
+    """
+    later, found = later_times(model), []
+    for variable in variables:
+        component, index = variable.parent_component(), _later_index(variable.index(), later)
+        found.append(component[index] if index is not None and index in component else variable)
+    return found

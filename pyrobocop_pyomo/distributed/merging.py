@@ -41,12 +41,20 @@ class MergedModel:
     parts: dict[str, Any]
 
     def find(self, name: str, agent: str | None = None) -> Any:
-        """A component by its name in an agent's own model; in the first that has it, where no agent is named."""
-        for part in self.parts.values() if agent is None else (self.parts[agent],):
-            component = part.find_component(name)
+        """A component by its name in an agent's own model; in the first that has it, where no agent is named.
+
+        Raises
+        ------
+        TeamError
+            When none has it.
+        """
+        *others, last = self.parts if agent is None else (agent,)
+        for asked in (*others, last):
+            component = self.parts[asked].find_component(name)
             if component is not None:
                 return component
-        return None
+        known = ", ".join(map(self.own_name, self.parts[last].component_objects(Var))) or "none"
+        raise TeamError(f"agent '{last}': its model has no component '{name}'. Its variables are {known}.")
 
     def own_name(self, component: Any) -> str:
         """The name of a component in the model of its agent, as all agents have it."""
@@ -78,10 +86,9 @@ class MergedModel:
         """Sum of the agents' objectives, each to be minimised."""
         return sum(float(value(objective)) for objective in _active(self.model, Objective))
 
-    def values_of(self, names: Iterable[str], agent: str) -> dict[str, Array]:
-        """Values over the index of an agent's components, by name."""
-        found = {name: self.find(name, agent) for name in names}
-        return {name: np.array([value(data) for data in component.values()]) for name, component in found.items()}
+    def values_of(self, names: Iterable[str], agent: str | None = None) -> dict[str, Array]:
+        """Values of components over their index, by name, as `find` finds them."""
+        return {name: variable_numbers(self.find(name, agent).values()) for name in names}
 
 
 def variable_numbers(variables: Iterable[Any]) -> Array:
@@ -96,7 +103,7 @@ def variables_behind(component: Any) -> list[Any]:
     return [component] if component.ctype is Var else []
 
 
-def build_model(agent: Agent) -> Any:
+def _build_model(agent: Agent) -> Any:
     """What the builder of an agent gives.
 
     Raises
@@ -128,7 +135,7 @@ def merge_agents(agents: Sequence[Agent], shared: Iterable[str]) -> MergedModel:
     TeamError
         When a builder gives no model, or a shared variable has an index in one model only.
     """
-    models = {agent.name: build_model(agent) for agent in agents}
+    models = {agent.name: _build_model(agent) for agent in agents}
     if len(models) == 1:
         ((name, model),) = models.items()
         return MergedModel(model, {name: model})

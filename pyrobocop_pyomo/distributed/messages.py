@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,11 +22,17 @@ class QuantityFacts:
         Its indices, in order.
     units : str
         As the model declares them, empty where it does not.
+    group : int
+        The number of its `Shared`.
+    penalty : float
+        As given.
     """
 
     name: str
     keys: tuple[object, ...]
     units: str
+    group: int
+    penalty: float
 
 
 @dataclass(frozen=True)
@@ -37,31 +43,21 @@ class ProblemFacts:
     ----------
     quantities : tuple of QuantityFacts
         In the order of the agent's shared values.
-    groups : int array, shape (n,)
-        The number of the `Shared` that each value belongs to.
-    penalties : float array, shape (n,)
-        As given, of each value.
     has_pairs : bool
     values, fixed : float and bool arrays, shape (n,)
         First values of the shared variables, and which are fixed.
-    positions : float array, shape (coordinates, times), or None
-        First positions, where robots are kept apart.
+    plan : mapping of component name to float array
+        The first one: what the physical score reads, and where robots are that are kept apart.
     own_controls : mapping of agent to tuple of str
         Controls of the phases of each agent whose model is in the problem: those that are free and not shared.
     """
 
     quantities: tuple[QuantityFacts, ...]
-    groups: np.ndarray
-    penalties: Array
     has_pairs: bool
     values: Array
     fixed: np.ndarray
-    positions: Array | None
+    plan: Mapping[str, Array]
     own_controls: Mapping[str, tuple[str, ...]]
-
-    def weighted(self, factors: Array, values: Array | float) -> Array:
-        """Values times their penalties, each group of these times its factor."""
-        return factors[self.groups] * self.penalties * values
 
 
 @dataclass(frozen=True)
@@ -76,18 +72,14 @@ class Order:
     mu : float or None
         The barrier problem to solve; None for the problem itself, with the delta of `delta`.
     delta : float or None
-        Of relaxed pairs, where mu is None.
+        Of relaxed pairs, where mu is None: a solve without the multipliers of the last one, with this delta throughout.
     tolerance : float
     iterations : int
         Limit of Ipopt's iterations. Time limits inside a round would make iterates depend on the machine.
-    warm : bool
-        Go on with the multipliers of the last solve.
     values : float array, shape (n,), or None
         Where the shared variables start, if not where they are.
     others : float array, shape (neighbours, coordinates, times), or None
         Positions to keep away from.
-    with_plan : bool
-        Whether the report has the plan, which the physical score needs.
     """
 
     linear: Array
@@ -96,10 +88,8 @@ class Order:
     delta: float | None = None
     tolerance: float = 1e-6
     iterations: int = 150
-    warm: bool = True
     values: Array | None = None
     others: Array | None = None
-    with_plan: bool = False
 
 
 @dataclass(frozen=True)
@@ -118,9 +108,7 @@ class Report:
     cpu_seconds : float
     objective : float
         The agent's own, without the terms of the team.
-    positions : float array, shape (coordinates, times), or None
     plan : mapping of component name to float array
-        Empty unless the order asked for it.
     """
 
     values: Array
@@ -129,5 +117,4 @@ class Report:
     iterations: int
     cpu_seconds: float
     objective: float
-    positions: Array | None = None
-    plan: Mapping[str, Array] = field(default_factory=dict)
+    plan: Mapping[str, Array]

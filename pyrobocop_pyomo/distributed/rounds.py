@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -62,9 +62,6 @@ class Round(Presented):
         Of those without a usable point in this round.
     score : PlanScore or None
         Of the combined plan, where it was asked for.
-    seconds : float
-        Elapsed.
-    hub : str or None
     """
 
     number: int
@@ -77,19 +74,10 @@ class Round(Presented):
     reports: Mapping[str, tuple[str, int, float]]
     failures: Mapping[str, str]
     score: PlanScore | None
-    seconds: float
-    hub: str | None = None
 
     def agrees(self, tolerance: float) -> bool:
         """Whether neither disagreement nor change exceeds a tolerance."""
         return bool(max(self.disagreement.max(initial=0.0), self.change.max(initial=0.0)) <= tolerance)
-
-    @property
-    def parallel_cpu_seconds(self) -> float:
-        """Of the slowest robot, and of the hub that follows."""
-        of_robots = [seconds for name, (_, _, seconds) in self.reports.items() if name != self.hub]
-        of_hub = self.reports[self.hub][2] if self.hub is not None and self.hub in self.reports else 0.0
-        return max(of_robots, default=0.0) + of_hub
 
     def _summary(self) -> str:
         return (
@@ -110,10 +98,9 @@ class BarrierPath:
     factor : float
         Between 0 and 1, down to `turn`.
     turn : float
-        From here on mu falls by `fast` where the disagreement of each shared group is below its mark, else by `slow`.
+        From here on mu falls by `fast` where the disagreement of each shared group is below the square root of mu, else
+        by `slow`.
     fast, slow : float
-    marks : sequence of float or float
-        Of the disagreement, times the square root of mu; one number, or one for each `Shared`.
     floor : float
         Least mu.
     """
@@ -123,7 +110,6 @@ class BarrierPath:
     turn: float = 1e-3
     fast: float = 0.5
     slow: float = 0.9
-    marks: float | Sequence[float] = 1.0
     floor: float = 1e-5
 
     def __post_init__(self) -> None:
@@ -145,7 +131,7 @@ class BarrierPath:
         """
         if mu > self.turn:
             return max(self.turn, mu * self.factor)
-        agreed = bool((disagreement < np.asarray(self.marks) * np.sqrt(mu)).all())
+        agreed = bool((disagreement < np.sqrt(mu)).all())
         return max(self.floor, mu * (self.fast if agreed else self.slow))
 
 

@@ -21,12 +21,10 @@ from .agents import Agent, KeepApart, Shared
 from .checkpoint import Checkpoint
 from .closing import ClosedPlan
 from .coordination import Coordination, Physics, Plans, TeamState
-from .hub_method import Hub
 from .local_problem import ProblemSpec
-from .merging import MergedModel, build_model, merge_agents, variables_behind
-from .method import Method
+from .merging import MergedModel, merge_agents, variables_behind
+from .method import Hub, Method, Sova
 from .rounds import PlanScore, Round, ends_rounds, is_success
-from .sova import Sova
 from .team_result import TeamResult
 
 logger = logging.getLogger(__name__)
@@ -148,24 +146,21 @@ class Team:
         if rule is not None and method.closing is None:  # a closing step keeps robots apart by itself
             neighbours = min(rule.neighbours, len(self.robots) - 1)
         of_robots, of_hub = self._components_of_plans()
-        specs = []
-        if not method.has_hub:
-            everything = self._shared_by(self.names)
-            for robot in self.robots:
-                agents = (robot,) if self.hub is None else (self.hub, robot)
-                specs.append(ProblemSpec(robot.name, agents, everything, rule, neighbours, (*of_robots, *of_hub)))
-            return specs
-        assert self.hub is not None
-        specs.append(ProblemSpec(self.hub.name, (self.hub,), self._shared_by(self.names), plan=of_hub))
-        for robot in self.robots:
-            specs.append(ProblemSpec(robot.name, (robot,), self._shared_by([robot.name]), rule, neighbours, of_robots))
+        if self.hub is not None and method.has_hub:
+            specs = [ProblemSpec(self.hub.name, (self.hub,), self._shared_by(self.names), plan=of_hub)]
+            parts = [((robot,), self._shared_by([robot.name]), of_robots) for robot in self.robots]
+        else:  # every robot plans for the hub as well, with what all others do
+            hub, specs = () if self.hub is None else (self.hub,), []
+            parts = [((*hub, robot), self._shared_by(self.names), (*of_robots, *of_hub)) for robot in self.robots]
+        for robot, (agents, shared, plan) in zip(self.robots, parts, strict=True):
+            specs.append(ProblemSpec(robot.name, agents, shared, rule, neighbours, plan))
         return specs
 
     def _components_of_plans(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """What the plans of robots and of the hub have where there is physics: what it reads, and positions."""
-        if self.physics is None:
-            return (), ()
+        """What the plans of robots and of the hub have: what physics reads, and positions."""
         positions = () if self.keep_apart is None else self.keep_apart.components
+        if self.physics is None:
+            return positions, ()
         return (*self.physics.robot_components, *positions), tuple(self.physics.hub_components)
 
     def _shared_by(self, robots: Sequence[str]) -> tuple[tuple[int, Shared, tuple[str, ...]], ...]:
@@ -220,8 +215,8 @@ class Team:
 
         Parameters
         ----------
-        method : "hub", "sova", "paper", or a method such as ``Hub(rounds=40)``
-            "hub" is the default where the team has one, otherwise "sova". "paper" is `Sova.paper`.
+        method : "hub", "sova", or a method such as ``Hub(rounds=40)``
+            "hub" is the default where the team has one, otherwise "sova".
         engine : str or Engine
             Where the agents live: ``"serial"``, ``"process"``, ``"dask"``, ``"mpi"``. The iterates are the same on all.
         checkpoint : path, optional
@@ -252,14 +247,11 @@ class Team:
 
 def _built_with_zeros(agent: Agent, components: Sequence[str]) -> Any:
     """Build an agent's model and hold what is named at zero."""
-    model = build_model(agent)
+    alone = merge_agents([agent], ())
     for name in components:
-        component = model.find_component(name)
-        if component is None:
-            raise TeamError(f"agent '{agent.name}': its model has no component '{name}', which its team shares.")
-        for variable in variables_behind(component):
+        for variable in variables_behind(alone.find(name)):
             variable.fix(0.0)
-    return model
+    return alone.model
 
 
 def find_method(method: Method | str, team: Team) -> Method:
@@ -270,13 +262,11 @@ def find_method(method: Method | str, team: Team) -> Method:
     TeamError
         For an unknown name, or the hub method without a hub.
     """
-    if method == "hub" and team.hub is None:
-        method = "sova"
     if isinstance(method, str):
-        known: dict[str, Callable[[], Method]] = {"hub": Hub, "sova": Sova, "paper": Sova.paper}
+        known: dict[str, Callable[[], Method]] = {"hub": Sova if team.hub is None else Hub, "sova": Sova}
         if method not in known:
             raise TeamError(f"method = {method!r}; expected {', '.join(map(repr, known))}, or a method.")
-        return find_method(known[method](), team)
+        return known[method]()
     if method.has_hub and team.hub is None:
         raise TeamError("the hub method needs a hub: give hub=Agent(...) to Team, or use Sova.")
     return method
@@ -303,9 +293,9 @@ class _Rounds:
                 record = method.round(work, state)
                 self._keep_best(ClosedPlan(dict(work.plans), record.score, record.objective))
                 self._progress.live(self._line(record))
-                done = self._is_done(state, record) or self._is_closed(state, record)
+                done = self._is_done(record) or self._is_closed(state, record)
                 if path is not None:
-                    self._save(path, mark, state)
+                    Checkpoint(state.round, mark, work.engine.states(), state.arrays()).save(path)
                 if self._on_round is not None and self._on_round(record) is False:
                     done = True
         except KeyboardInterrupt:
@@ -315,11 +305,11 @@ class _Rounds:
         self._progress.line(self._line(work.rounds[-1]))
         return self._result(state)
 
-    def _is_done(self, state: TeamState, record: Round) -> bool:
+    def _is_done(self, record: Round) -> bool:
         method = self._method
         without_physics = self._team.physics is None
         ends = record.agrees(method.tolerance) if without_physics else ends_rounds(record.score, method.until)
-        return ends and self._team.keeps_apart(self._places(state))
+        return ends and self._team.keeps_apart(self._work.plans)
 
     def _is_closed(self, state: TeamState, record: Round) -> bool:
         """Whether one planner could make exact what the agents have nearly agreed on."""
@@ -327,7 +317,7 @@ class _Rounds:
         if closing is None or not closing.is_due(record, state.closing_tried):
             return False
         state.closing_tried = record.number
-        closed = closing.carry_out(self._team, self._work.all_values())
+        closed = closing.carry_out(self._team, self._work.all_values(), has_pairs=record.mu is not None)
         self._closings.append(closed)
         self._keep_best(closed)
         is_enough = closed.holds if self._team.physics is None else ends_rounds(closed.score, self._method.until)
@@ -339,11 +329,6 @@ class _Rounds:
         is_known = found.holds if self._team.physics is None else found.score is not None
         if is_known and (best is None or worth(found.score, found.plans) >= worth(best.score, best.plans)):
             self._best = found
-
-    def _places(self, state: TeamState) -> Plans:
-        """Where the robots were last."""
-        names = () if self._team.keep_apart is None else self._team.keep_apart.components
-        return {robot: dict(zip(names, places, strict=True)) for robot, places in state.positions.items()}
 
     def _line(self, record: Round) -> str:
         apart = " ".join(f"{gap:.1e}" for gap in record.disagreement)
@@ -364,21 +349,18 @@ class _Rounds:
             best = ClosedPlan(dict(plans), None, work.rounds[-1].objective)
         agreement = best.holds or (bool(work.rounds) and work.rounds[-1].agrees(self._method.tolerance))
         source = work.hub or work.robots[0]
-        target = state.target if work.hub else work.consensus.of_agent(source, state.target)
-        quantities = work.facts[source].quantities
+        quantities, target = work.facts[source].quantities, work.values_of(source, state.target)
         ends = np.cumsum([len(quantity.keys) for quantity in quantities])[:-1]
-        agreed = {of.name: values for of, values in zip(quantities, np.split(target, ends), strict=True)}
+        agreed = {of.name: numbers for of, numbers in zip(quantities, np.split(target, ends), strict=True)}
         agreed.update({name: best.plans[source][name] for name in agreed if best.holds and name in best.plans[source]})
+        values = {name: work.values_of(name, own) for name, own in zip(work.robots, state.values, strict=True)}
         return TeamResult(
-            best.plans, dict(state.values), agreed, work.rounds, best.score, agreement, names,
+            best.plans, values, agreed, work.rounds, best.score, agreement, names,
             dict(work.frozen), dict(work.engine.deaths), best.objective, self._closings,
             self._team.physics, rule, None if rule is None else rule.least_distance(best.plans, self._team.names),
         )  # fmt: skip
 
     # ---------------------------------------------------------------- checkpoints
-
-    def _save(self, path: Path, mark: str, state: TeamState) -> None:
-        Checkpoint(state.round, mark, self._work.engine.states(), state.arrays()).save(path)
 
     def _resume(self, path: Path, mark: str) -> TeamState:
         saved = Checkpoint.load(path, mark)
@@ -390,5 +372,5 @@ class _Rounds:
                     raise TeamError(
                         f"{path}: '{name}' of {owner} has values that are not finite. Delete the file to start anew."
                     )
-        self._work.engine.restore(saved.states)
+        self._work.go_on_from(saved.states)
         return TeamState.of_arrays(saved.coordinator)

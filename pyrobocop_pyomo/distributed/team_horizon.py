@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -17,10 +16,8 @@ from pyrobocop_pyomo.numerics import Array
 
 from .agents import Shared
 from .coordination import Coordination, TeamState
-from .hub_method import Hub
 from .method import Method
 from .rounds import BarrierPath, Round, is_success
-from .sova import Sova
 from .team import Team, find_method
 
 Measured = Mapping[str, Mapping[str, float]]
@@ -35,13 +32,10 @@ class PlanningStep:
     number : int
         From 0, which is the first plan.
     rounds : sequence of Round
-    seconds : float
-        Elapsed.
     """
 
     number: int
     rounds: Sequence[Round]
-    seconds: float
 
     @property
     def disagreement(self) -> Array:
@@ -102,11 +96,8 @@ class TeamHorizon:
                 f"TeamHorizon: rounds = {rounds!r}, mu = {mu!r}; expected at least 1, and a positive number."
             )
         self.team = team
-        found = find_method(method, team)
-        if not isinstance(found, (Hub, Sova)):
-            raise TeamError(f"TeamHorizon: the method {found!r} is neither Hub nor Sova.")
         # A few rounds in each step, and no closing step: so the robots keep apart by themselves.
-        self._method = replace(found, closing=None)
+        self._method = replace(find_method(method, team), closing=None)
         self._in_steps: Method = replace(
             self._method, barrier=BarrierPath(mu, turn=mu, floor=mu), penalties=None, rounds=rounds
         )
@@ -133,14 +124,14 @@ class TeamHorizon:
         TeamError
             When an agent finds no point in its first round.
         """
-        started, method = time.perf_counter(), self._method
+        method = self._method
         self._state = method.begin(self._work)
         records: list[Round] = []
         while len(records) < method.rounds and not (records and self._is_good(records[-1])):
             records.append(method.round(self._work, self._state))
         if self._state.mu is not None:
             self._state.mu = self._in_steps.barrier.start
-        return PlanningStep(0, records, time.perf_counter() - started)
+        return PlanningStep(0, records)
 
     def step(self, measured: Measured, elements: int = 1) -> PlanningStep:
         """Plan from where the team is after so many elements of its plan.
@@ -162,28 +153,33 @@ class TeamHorizon:
         TeamError
             When states are missing, unknown or not finite, or there is no plan yet.
         """
-        started, state = time.perf_counter(), self._state
+        state = self._state
         if state is None:
             raise TeamError("TeamHorizon: there is no plan to go on from. Call plan() first.")
         self._move(state, self._starts(measured), elements)
         records = [self._in_steps.round(self._work, state) for _ in range(self._in_steps.rounds)]
         self._number += 1
-        return PlanningStep(self._number, records, time.perf_counter() - started)
+        return PlanningStep(self._number, records)
 
     def _move(self, state: TeamState, starts: Mapping[str, Mapping[str, float]], elements: int) -> None:
         """Move the plans of all agents ahead, and take over what they share then."""
-        work = self._work
-        asked = {name: (start, elements, state.multipliers.get(name)) for name, start in starts.items()}
-        for name, (values, positions, multipliers) in self.engine.call_all("advance", asked).items():
-            if positions is not None:
-                state.positions[name] = positions
+        work, of_team, multipliers = self._work, self._work.consensus.of_team, self._multipliers(state)
+        asked = {name: (start, elements, multipliers.get(name)) for name, start in starts.items()}
+        moved = self.engine.call_all("advance", asked)
+        for name, (values, plan, own) in moved.items():
+            work.plans[name] = plan
             if name == work.hub:
-                state.target = values
-                continue
-            state.values[name] = values
-            state.multipliers[name] = multipliers
+                state.target = of_team(name, values)
+            else:
+                number = work.robots.index(name)
+                state.values[number], state.multipliers[number] = of_team(name, values), of_team(name, own)
         if not work.hub:
-            state.target = work.consensus.mean(state.values)
+            state.target = state.values.mean(axis=0)
+
+    def _multipliers(self, state: TeamState) -> dict[str, Array]:
+        """Each robot's, in the order of its values."""
+        of_agent = self._work.consensus.of_agent
+        return {name: of_agent(name, own) for name, own in zip(self._work.robots, state.multipliers, strict=True)}
 
     def change_team(self, team: Team) -> None:
         """Go on with a team that robots have left or joined, from the plans that there are.
@@ -200,19 +196,19 @@ class TeamHorizon:
             When its models do not fit together, or cannot be moved ahead. The horizon is stopped then.
         """
         before, known = self._state, self._of_all("start_states")
-        multipliers = {} if before is None else before.multipliers
+        multipliers = {} if before is None else self._multipliers(before)
         plans = self._work.all_values()
         self.team = team
         self._start()
         if before is None:
             return
-        facts = self._work.facts
+        facts, of_team = self._work.facts, self._work.consensus.of_team
         self._of_all("put_on", plans)
         self._state = state = self._work.first_state(self._in_steps.barrier.start)
         state.factors, state.round = before.factors, before.round
-        for name in state.multipliers.keys() & multipliers.keys():
-            if state.multipliers[name].size == multipliers[name].size:
-                state.multipliers[name] = multipliers[name]
+        for number, name in enumerate(self._work.robots):
+            if name in multipliers and multipliers[name].size == facts[name].values.size:
+                state.multipliers[number] = of_team(name, multipliers[name])
         self._move(state, {name: known.get(name, {}) for name in facts}, 0)
 
     def predicted(self, elements: int = 1) -> dict[str, dict[str, float]]:

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.errors import SolveFailed
-from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.presentation import Presented
 
@@ -98,25 +97,10 @@ class TeamResult(Presented):
         return float(np.mean(counts)) if counts else 0.0
 
     @property
-    def local_success(self) -> bool:
-        """Whether Ipopt reported success for every local problem of every round. It says little of the combined
-        plan."""
-        return all(IpoptStatus[status].solved for record in self.rounds for status, _, _ in record.reports.values())
-
-    @property
     def cpu_seconds(self) -> float:
         """Of all local solves and closing steps."""
-        return self._closing_seconds + sum(s for record in self.rounds for _, _, s in record.reports.values())
-
-    @property
-    def parallel_cpu_seconds(self) -> float:
-        """Sum over the rounds of the slowest robot, and of the hub that follows, with a processor for each agent; and
-        of the closing steps."""
-        return self._closing_seconds + sum(record.parallel_cpu_seconds for record in self.rounds)
-
-    @property
-    def _closing_seconds(self) -> float:
-        return sum(closed.cpu_seconds for closed in self.closings)
+        of_rounds = sum(seconds for record in self.rounds for _, _, seconds in record.reports.values())
+        return of_rounds + sum(closed.cpu_seconds for closed in self.closings)
 
     def raise_for_failure(self) -> None:
         """Raise unless the plan is a success.
@@ -142,7 +126,7 @@ class TeamResult(Presented):
         lines = [
             f"{verdict}. {len(self.rounds)} rounds, objective {self.objective:.6g}",
             f"{solves} local solves ({failures} without a usable point), {self.iterations:.1f} iterations each, "
-            f"{self.cpu_seconds:.1f} CPU s ({self.parallel_cpu_seconds:.1f} with a processor for each agent)",
+            f"{self.cpu_seconds:.1f} CPU s",
             f"disagreement (change) in the last round: {apart}",
         ]
         lines += [

@@ -39,14 +39,11 @@ class AgentFailure:
         Type and text of its exception, or how its worker ended.
     final : bool
         Whether the engine has given it up, because its workers died too often. Otherwise it may be asked again.
-    traceback : str
-        Of the exception, where there was one.
     """
 
     agent: str
     reason: str
     final: bool = False
-    traceback: str = ""
 
 
 Reply = Answer | AgentFailure
@@ -293,6 +290,6 @@ def _value(name: str, reply: Reply, label: str) -> Any:
     if not reply.raised:
         return reply.value
     if not label:
-        return AgentFailure(name, reply.raised, traceback=reply.traceback)
+        return AgentFailure(name, reply.raised)
     other = EngineError(f"agent '{name}' {label}: {reply.raised}")
     raise reply.error(PyRobocopError, other, f"agent '{name}'")

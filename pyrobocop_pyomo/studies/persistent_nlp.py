@@ -58,6 +58,8 @@ class PersistentNLP:
         What Ipopt is given.
     outcome : IpoptOutcome or None
         The last one, with multipliers in Ipopt's signs.
+    barrier : schedule or None
+        As given; another one may take its place between two solves.
     preparations : int
         How often the model was prepared: 1 as long as only numbers changed.
 
@@ -98,7 +100,7 @@ class PersistentNLP:
         self._go_on_after_limit = go_on_after_limit
         self.preparations = 0
         self._options = dict(options or {})
-        self._barrier, self._quadratic = barrier, quadratic
+        self.barrier, self._quadratic = barrier, quadratic
         self._kept = KeptProblem()
         self.prepare()
 
@@ -126,7 +128,7 @@ class PersistentNLP:
         if self._quadratic is not None:
             self.program = self._added = AddedQuadraticCost(self.program, self.compiled.variables, self._quadratic)
         self._shifted: ShiftedRows | None = None
-        if self._barrier is not None:
+        if self.barrier is not None:
             rows = self.compiled.numbers_of(shifted_rows_of(self.model))
             if not rows.size:
                 raise ComplementarityError(
@@ -252,8 +254,8 @@ class PersistentNLP:
             barrier_problem = {"mu_strategy": "monotone", "mu_init": mu_target, "mu_target": mu_target, "kappa_d": 0.0}
             purpose = {**purpose, **barrier_problem}
         resolved = self.options_of_run(purpose, options)
-        if self._shifted is not None and self._barrier is not None:
-            on_iteration = DeltaFollowsBarrier(self._shifted, self._barrier, resolved, on_iteration)
+        if self._shifted is not None and self.barrier is not None:
+            on_iteration = DeltaFollowsBarrier(self._shifted, self.barrier, resolved, on_iteration)
         self.outcome = run_ipopt(
             self.program,
             resolved,

@@ -45,7 +45,7 @@ def test_imports_only_point_left() -> None:
 
 
 # Meshes of trimesh have vertices, too.
-MESHES = {"contrib/robots/decomposition.py", "contrib/robots/collision_shapes.py"}
+MESHES = {"contrib/robots/decomposition.py", "contrib/robots/urdf.py"}
 
 
 def test_only_geometry_knows_the_vertices_of_a_shape() -> None:

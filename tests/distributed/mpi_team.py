@@ -5,24 +5,23 @@ import sys
 from pathlib import Path
 
 from harness.mpi import tell
-from mpi4py.futures import MPIPoolExecutor
 from pushing_team import pushing_team
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.execution.engines import find_engine
 
 
 def main(folder: Path, death: int) -> None:
     """Plan, or go on from the file."""
-    executor = MPIPoolExecutor()
+    engine = find_engine("mpi")
 
     def die(record: rcp.teams.Round) -> None:
         if record.number == death:
-            executor.submit(os.abort).result()
+            engine._executor.submit(os.abort).result()
 
     result = pushing_team().solve(
-        rcp.teams.Hub(rounds=8), engine=rcp.teams.ExecutorEngine(executor, workers=2),
-        checkpoint=folder / "team.npz", on_round=die, progress=False,
-    )  # fmt: skip
+        rcp.teams.Hub(rounds=8), engine=engine, checkpoint=folder / "team.npz", on_round=die, progress=False
+    )
     tell(folder, [len(result.rounds), {name: values.tolist() for name, values in result.values.items()}])
 
 

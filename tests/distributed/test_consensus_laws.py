@@ -38,7 +38,7 @@ def test_sova_reaches_the_joint_optimum() -> None:
     class Watched(Sova):
         def round(self, work: Coordination, state):
             record = super().round(work, state)
-            sums.append(np.abs(sum(state.multipliers.values())).max())
+            sums.append(np.abs(state.multipliers.sum(axis=0)).max())
             return record
 
     result = team.solve(Watched(**EXACT))
@@ -56,15 +56,15 @@ def test_the_joint_optimum_with_its_multipliers_is_a_fixed_point() -> None:
     class AtTheOptimum(Sova):
         def begin(self, work: Coordination):
             state = super().begin(work)
-            for name, (matrix, point) in zip(NAMES, problems, strict=True):
-                state.values[name] = optimum.copy()
-                state.multipliers[name] = -np.array(matrix) @ (optimum - point)
+            state.values[:] = optimum
+            for number, (matrix, point) in enumerate(problems):
+                state.multipliers[number] = -np.array(matrix) @ (optimum - point)
             state.target = optimum.copy()
             return state
 
         def round(self, work: Coordination, state):
             record = super().round(work, state)
-            apart.append(max(np.abs(values - optimum).max() for values in state.values.values()))
+            apart.append(np.abs(state.values - optimum).max())
             return record
 
     team.solve(AtTheOptimum(penalties=None, rounds=5, tolerance=0.0))

@@ -24,7 +24,7 @@ from tiny_agents import (
 
 from pyrobocop_pyomo.errors import EngineError
 from pyrobocop_pyomo.execution.engine import AgentFailure
-from pyrobocop_pyomo.execution.executor_engine import ExecutorEngine, dask_engine
+from pyrobocop_pyomo.execution.engines import ExecutorEngine, dask_engine
 
 pytestmark = [
     pytest.mark.slow,

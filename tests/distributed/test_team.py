@@ -148,7 +148,7 @@ def test_an_agent_without_a_first_point_is_named() -> None:
 
 def test_methods_and_engines_are_looked_up() -> None:
     team = rcp.Team(robots=robots(), shared=SHARED)
-    with pytest.raises(TeamError, match="'hub', 'sova', 'paper'"):
+    with pytest.raises(TeamError, match="'hub', 'sova'"):
         team.solve("gossip")
     with pytest.raises(TeamError, match="needs a hub"):
         team.solve(Hub())

@@ -10,7 +10,7 @@ from pushing_team import task, team
 from test_engine_laws import FragileEngine
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.distributed.shifting import TimeShift, later_times
+from pyrobocop_pyomo.distributed.local_problem import later_times, later_variables
 from pyrobocop_pyomo.errors import TeamError
 
 pytestmark = pytest.mark.casadi
@@ -118,11 +118,11 @@ def test_values_move_by_one_element() -> None:
     m, nlp = problem.model, problem.nlp
     for variable in m.component_data_objects(pyo.Var):
         variable.set_value(variable.index() + 10.0)
-    shift = TimeShift(m, nlp.compiled.variables)
+    later = later_variables(m, nlp.compiled.variables)
     last = GRID["duration"]
     states = {"q", "u"}
-    for variable, value in zip(nlp.compiled.variables, shift.values(), strict=True):
-        assert value == pytest.approx(min(variable.index() + H, last) + 10.0), variable.name
+    for variable, source in zip(nlp.compiled.variables, later, strict=True):
+        assert source.value == pytest.approx(min(variable.index() + H, last) + 10.0), variable.name
         assert variable.parent_component().local_name in states | {"f"}
 
 

@@ -16,7 +16,7 @@ from tiny_agents import worker_ids
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.distributed.messages import Order
 from pyrobocop_pyomo.execution.engine import Engine
-from pyrobocop_pyomo.execution.executor_engine import dask_engine
+from pyrobocop_pyomo.execution.engines import dask_engine
 
 pytestmark = [pytest.mark.slow, pytest.mark.casadi]
 METHOD = rcp.teams.Hub(rounds=8)
@@ -70,9 +70,10 @@ def test_a_killed_job_of_mpi_goes_on_from_its_file(serial: rcp.teams.TeamResult,
 def test_a_state_is_all_that_a_later_solve_depends_on() -> None:
     """Also after a solve that failed."""
     spec = next(spec for spec in pushing_team(steps=6).problem_specs() if spec.name == "a")
-    penalties = spec.build().facts().penalties
-    first = Order(np.zeros(penalties.size), penalties, 0.1, tolerance=0.1, warm=False)
-    second, third = (replace(first, warm=True, mu=mu, tolerance=mu) for mu in (0.05, 0.03))
+    shared = spec.build().facts().quantities
+    penalties = np.concatenate([np.full(len(quantity.keys), quantity.penalty) for quantity in shared])
+    first = Order(np.zeros(penalties.size), penalties, 0.1, tolerance=0.1)
+    second, third = (replace(first, mu=mu, tolerance=mu) for mu in (0.05, 0.03))
     broken = replace(second, linear=np.full(penalties.size, np.nan))
     for orders in ([broken], [first, second], [first, broken, third, broken]):
         straight, elsewhere = spec.build(), spec.build()

@@ -14,7 +14,7 @@ from test_sweep import PULLS, numbers, spring
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.execution.executor_engine import dask_engine
+from pyrobocop_pyomo.execution.engines import dask_engine
 from pyrobocop_pyomo.execution.tasks import GIVEN_UP
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL on Windows")

@@ -22,8 +22,7 @@ from pyrobocop_pyomo.motion import Body
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlock
 
-from .method_arrays import ArrayToFill, column_array
-from .problem_class import ProblemClass
+from .problem_class import ArrayToFill, ProblemClass, column_array
 
 # PyRoboCOP's rows mean sqrt(d'd + tol) >= sqrt(5 tol) with tol = 1e-4 for the distance vector d.
 CLEARANCE = 2.0 * math.sqrt(1e-4)

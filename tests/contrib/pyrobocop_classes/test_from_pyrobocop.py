@@ -8,7 +8,7 @@ import pyomo.environ as pyo
 import pytest
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.contrib.pyrobocop_classes.method_arrays import ArrayToFill, column_array
+from pyrobocop_pyomo.contrib.pyrobocop_classes.problem_class import ArrayToFill, column_array
 from pyrobocop_pyomo.errors import ModelError
 
 from . import native_models, problems
