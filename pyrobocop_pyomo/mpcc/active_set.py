@@ -121,7 +121,7 @@ class Limits:
     rounds: int = 20
     exchanges: int = 40
     lpec_seconds: float = 5.0
-    exploring_radii: tuple[float, ...] = (1.0, 1e1, 1e2, 1e3)
+    exploring_radii: tuple[float, ...] = (1.0, 3e1, 1e3)
     polishing_radii: tuple[float, ...] = (1e-4, 1e-3, 1e-2, 1e-1)
     descent_gap: float = 0.3
     descent_nodes: int = 500

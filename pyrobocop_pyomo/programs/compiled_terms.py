@@ -93,7 +93,7 @@ def indices(values: np.ndarray) -> np.ndarray:
 
 
 class CompiledFunction:
-    """The steps of a CasADi function, and where its outputs are added.
+    """The steps of a CasADi function.
 
     Parameters
     ----------
@@ -126,11 +126,13 @@ class CompiledFunction:
         self.function, self.steps, self.constants = function, steps, np.array(constants, dtype=float)
         self.work = function.sz_w()
 
-    def structure(self, places: np.ndarray, scales: FloatArray | None = None) -> _FunctionStructure:
-        """As the library takes it; arrays of shape (outputs, instances), flat, and no scales instead of ones."""
-        self.places, self.scales = indices(places), scales
+    def structure(self, places: np.ndarray, scales: FloatArray | None) -> _FunctionStructure:
+        """As the library takes it, with where it adds the outputs; arrays of shape (outputs, instances), flat.
+
+        The caller keeps both arrays; no scales stand for ones.
+        """
         return _FunctionStructure(
-            len(self.steps), self.steps.ctypes.data, self.constants.ctypes.data, self.work, self.places.ctypes.data,
+            len(self.steps), self.steps.ctypes.data, self.constants.ctypes.data, self.work, places.ctypes.data,
             None if scales is None else scales.ctypes.data,
         )  # fmt: skip
 

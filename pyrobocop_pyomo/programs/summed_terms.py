@@ -10,7 +10,7 @@ from __future__ import annotations
 import ctypes
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from pyrobocop_pyomo.optional_imports import casadi, scipy
 from .compiled_terms import CompiledFunction, SumsStructure, TermStructure, indices
 from .model_terms import Terms
 from .nonlinear_program import FloatArray, IndexArray
-from .term_groups import TermArrays, decoded
+from .term_groups import Code, TermArrays, decoded
 
 
 class TermFunction:
@@ -35,7 +35,7 @@ class TermFunction:
 
     Attributes
     ----------
-    functions : list of CompiledFunction
+    functions : tuple of CompiledFunction
         Its value, the nonzeros of its gradient and of its Hessian, as functions of variables, numbers and weights.
     columns, numbers, rows, scales : arrays
         Variables, numbers, and rows and scales of the values. Numbers may change between evaluations, in place.
@@ -46,6 +46,10 @@ class TermFunction:
         Rows and variables of the values of the gradient.
     hessian_pairs : pair of int arrays
         Variables of the values of the Hessian; the first is not smaller.
+    output_scales : tuple of float arrays, or None for ones
+        What each function's outputs are multiplied by.
+    places : tuple of int arrays
+        Where each function's outputs are added, once `structure` was told.
     """
 
     def __init__(self, terms: TermArrays) -> None:
@@ -53,59 +57,73 @@ class TermFunction:
         self.instances, size = columns.shape
         # Numbers that are the same everywhere become part of the function; the others are arguments.
         varies = ((numbers != numbers[:1]) | (parameters >= 0)).any(axis=0)
-        sizes = {"x": size, "p": int(np.count_nonzero(varies)), "w": 1}
-        x, p, w = (casadi.SX.sym(name, size) for name, size in sizes.items())
-        output = _output(terms, x, p, varies)
-        gradient = casadi.jacobian(output, x)
-        hessian = casadi.tril(casadi.hessian(w * output, x)[0])
+        derivatives = _derivatives(terms.code, size, np.where(varies, 0.0, numbers[0]).tobytes(), varies.tobytes())
+        self.functions = derivatives.functions
 
         def flat(values: np.ndarray) -> np.ndarray:
             return np.ascontiguousarray(values.T).ravel()
 
-        variable = np.array(gradient.sparsity().get_triplet()[1], dtype=np.intp)
+        variable = derivatives.gradient
         self.gradient_pairs = np.tile(terms.rows, variable.size), flat(columns[:, variable])
-        triplet = hessian.sparsity().get_triplet()
-        first, second = (flat(columns[:, np.array(indices, dtype=np.intp)]) for indices in triplet)
+        first, second = (flat(columns[:, variables]) for variables in derivatives.hessian)
         self.hessian_pairs = np.maximum(first, second), np.minimum(first, second)
 
         known = flat(parameters[:, varies])
         self.places_of_parameters = np.flatnonzero(known >= 0)
         self.parameters = known[self.places_of_parameters]
-        results = [
-            casadi.cse(casadi.vertcat(*nonzeros))
-            for nonzeros in (casadi.densify(output).nonzeros(), gradient.nonzeros(), hessian.nonzeros())
-        ]
-        self.functions = [CompiledFunction(casadi.Function("term", [x, p, w], [result])) for result in results]
         self.columns, self.numbers = indices(flat(columns)), flat(numbers[:, varies])
         self.rows, self.scales = indices(terms.rows), terms.scales
-        self._gradient_scales = np.tile(terms.scales, variable.size)
+        self.output_scales = terms.scales, np.tile(terms.scales, variable.size), None
 
     def structure(self, gradient_places: np.ndarray, hessian_places: np.ndarray) -> TermStructure:
         """As the library takes it, with the places of the gradient's and the Hessian's entries."""
-        value, gradient, hessian = self.functions
-        return TermStructure(
-            self.instances, self.columns.ctypes.data, self.numbers.ctypes.data, self.rows.ctypes.data,
-            self.scales.ctypes.data, value.structure(self.rows, self.scales),
-            gradient.structure(gradient_places, self._gradient_scales), hessian.structure(hessian_places),
-        )  # fmt: skip
+        self.places = self.rows, indices(gradient_places), indices(hessian_places)
+        functions = map(CompiledFunction.structure, self.functions, self.places, self.output_scales)
+        arrays = self.columns, self.numbers, self.rows, self.scales
+        return TermStructure(self.instances, *(array.ctypes.data for array in arrays), *functions)
 
-    def add(self, function: CompiledFunction, x: FloatArray, weights: Any, sums: FloatArray) -> None:
-        """As the library adds the outputs of a function, by CasADi."""
+    def add(self, which: int, x: FloatArray, weights: Any, sums: FloatArray) -> None:
+        """As the library adds the outputs of one of the functions, by CasADi."""
         columns, numbers = (array.reshape(-1, self.instances) for array in (self.columns, self.numbers))
         of_rows = np.zeros(self.instances) if weights is None else weights[self.rows] * self.scales
-        values = function.function.map(self.instances)(x[columns], numbers, of_rows[None]).full().ravel()
-        np.add.at(sums, function.places, values if function.scales is None else function.scales * values)
+        function, scales = self.functions[which].function, self.output_scales[which]
+        values = function.map(self.instances)(x[columns], numbers, of_rows[None]).full().ravel()
+        np.add.at(sums, self.places[which], values if scales is None else scales * values)
 
     def set_parameters(self, values: FloatArray) -> None:
         """Evaluate with these values of all parameters from now on."""
         self.numbers[self.places_of_parameters] = values[self.parameters]
 
 
-def _output(terms: TermArrays, x: Any, p: Any, varies: np.ndarray) -> Any:
-    free, given = iter(p.elements()), terms.numbers[0].tolist()
-    numbers = [next(free) if changes else given[i] for i, changes in enumerate(varies.tolist())]
+class _Derivatives(NamedTuple):
+    """A shape's value and derivatives, and the variables that the nonzeros of these belong to."""
+
+    functions: tuple[CompiledFunction, ...]
+    gradient: np.ndarray
+    hessian: tuple[np.ndarray, np.ndarray]
+
+
+@functools.lru_cache(maxsize=256)
+def _derivatives(code: Code, size: int, first_numbers: bytes, varies: bytes) -> _Derivatives:
+    """Derive a shape once, for all programs: the numbers of its first term, and which of them are arguments."""
+    arguments = np.frombuffer(varies, dtype=bool)
+    sizes = {"x": size, "p": int(np.count_nonzero(arguments)), "w": 1}
+    x, p, w = (casadi.SX.sym(name, size) for name, size in sizes.items())
+    free, given = iter(p.elements()), np.frombuffer(first_numbers).tolist()
+    numbers = [next(free) if changes else given[i] for i, changes in enumerate(arguments.tolist())]
     # What a term has twice is found before it is differentiated: it is then differentiated once.
-    return casadi.cse(casadi.SX(decoded(terms.code, x.elements(), numbers, _symbolic_functions())))
+    output = casadi.cse(casadi.SX(decoded(code, x.elements(), numbers, _symbolic_functions())))
+    gradient = casadi.jacobian(output, x)
+    hessian = casadi.tril(casadi.hessian(w * output, x)[0])
+    nonzeros = casadi.densify(output).nonzeros(), gradient.nonzeros(), hessian.nonzeros()
+    results = [casadi.cse(casadi.vertcat(*some)) for some in nonzeros]
+    functions = tuple(CompiledFunction(casadi.Function("term", [x, p, w], [result])) for result in results)
+    return _Derivatives(functions, _triplet(gradient)[1], _triplet(hessian))
+
+
+def _triplet(matrix: Any) -> tuple[np.ndarray, np.ndarray]:
+    rows, columns = (np.array(some, dtype=np.intp) for some in matrix.sparsity().get_triplet())
+    return rows, columns
 
 
 @functools.cache
@@ -214,7 +232,7 @@ class SummedTerms:
         """Without a library: the sums with the values of one of the functions of each term."""
         with np.errstate(all="ignore"):
             for term in self.functions:
-                term.add(term.functions[which], x, weights, sums)
+                term.add(which, x, weights, sums)
         return sums
 
     def set_parameters(self, values: FloatArray) -> None:

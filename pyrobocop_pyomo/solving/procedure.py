@@ -60,7 +60,7 @@ from .violations import (
 )
 
 # Exploring ends after so many other ways and starts in a row that led to nothing better: by default, and on request.
-PATIENCE, REQUESTED_PATIENCE = 3, 8
+PATIENCE, REQUESTED_PATIENCE = 2, 8
 MIXED_INTEGER_PROGRAM = (
     "A local optimum: no choice of zero sides nearby is better. All rows are linear but for the pairs, so that a "
     "mixed-integer solver finds the best of all choices: "

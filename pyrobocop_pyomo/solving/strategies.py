@@ -70,7 +70,7 @@ class Strategy:
         solve took so far: in branches farther away, by other ways down, and from up to 32 random starts;
         ``float("inf")`` for no limit but `time_limit`. It ends after eight ways and starts in a row without a better
         point. By default 1 up to 100 pairs, and at least 0.3 seconds; then less, and 0 from 200 pairs; not more
-        iterations than those so far, or 300; and, after a solve of at most 300 iterations, three ways and starts.
+        iterations than those so far, or 300; and, after a solve of at most 300 iterations, two ways and starts.
         Without pairs, in models with phases, by default 80 iterations and 0.4 times those so far, less from 500
         variables on, down to a quarter. A number asks for more starts, as long as eight in a row lead to nothing
         better, in any model without pairs. 0 ends the solve with its first solution. Other ways and starts follow the

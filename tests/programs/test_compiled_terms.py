@@ -37,7 +37,8 @@ def ways(monkeypatch: pytest.MonkeyPatch):
 
     def both(function, values: np.ndarray) -> list[np.ndarray]:
         # CasADi has more operations than Pyomo's expressions ask for.
-        monkeypatch.setattr(summed_terms, "_output", lambda terms, x, p, varies: function(*x.elements()))
+        monkeypatch.setattr(summed_terms, "decoded", lambda code, variables, *_: function(*variables))
+        summed_terms._derivatives.cache_clear()
         size, count = values.shape
         terms = Terms(Columns())
         group = terms.groups[()] = TermGroup((), size, 0)

@@ -6,6 +6,7 @@ import json
 import math
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -247,15 +248,15 @@ def _sums(name: str, rows: SummedTerms, source: CSource) -> str:
 def _term(term: TermFunction, source: CSource) -> str:
     numbers = source.array(term.numbers, constant=False)
     arrays = [source.array(term.columns), numbers, source.array(term.rows), source.array(term.scales)]
-    functions = [_function(function, source) for function in term.functions]
+    functions = map(_function, term.functions, term.places, term.output_scales, repeat(source))
     return f"{{{term.instances}, {', '.join(arrays)}, {{{', '.join(functions)}}}}}"
 
 
-def _function(function: CompiledFunction, source: CSource) -> str:
+def _function(function: CompiledFunction, places: np.ndarray, scales: np.ndarray | None, source: CSource) -> str:
     steps = source.array(function.steps)  # four numbers each, as a Step has them
-    constants, places = source.array(function.constants), source.array(function.places)
-    scales = "NULL" if function.scales is None else source.array(function.scales)
-    return f"{{{len(function.steps)}, (const Step *){steps}, {constants}, {function.work}, {places}, {scales}}}"
+    arrays = [source.array(function.constants), str(function.work), source.array(places)]
+    arrays.append("NULL" if scales is None else source.array(scales))
+    return f"{{{len(function.steps)}, (const Step *){steps}, {', '.join(arrays)}}}"
 
 
 def _given(rows: SummedTerms, parameters: np.ndarray, state_of: Mapping[Any, int]) -> list[str]:
