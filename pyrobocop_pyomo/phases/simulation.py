@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from pyomo.core.base.var import Var
 
-from pyrobocop_pyomo.errors import InitialGuessError, PyRobocopError, SimulationFailed, TrajectoryError
+from pyrobocop_pyomo.errors import InitialGuessError, SimulationFailed, TrajectoryError
 from pyrobocop_pyomo.modeling.rule_results import variables_read
 from pyrobocop_pyomo.modeling.variable_values import put_values, values_restored
 from pyrobocop_pyomo.numerics import Array, Grid, Mesh
@@ -237,7 +237,9 @@ class _Run:
         if len(self._start):
             settings: dict[str, Any] = {"method": options.method, "rtol": options.rtol, "atol": options.atol}
             so_far = self._so_far if rates.are_delayed else None
-            states, why = rates.through(i, self._start, np.array([0.0, 1.0]), places, so_far, **settings)
+            start, ends = self._start[:, None, None], np.array([0.0, 1.0])
+            found, why = rates.through(slice(i, i + 1), start, ends, places, so_far, **settings)
+            states = found[:, 0, 0].T
         else:
             states = np.zeros((len(places), 0))
         if why:
@@ -246,8 +248,9 @@ class _Run:
         nodes = states[np.searchsorted(places, scheme.state_nodes)]
         nodes[0] = self._start  # which is known without rounding
         first = 0 if scheme.starts_on_a_stage else 1
-        at_stages = [rates.at(i, c, nodes[first + k], of_all=True) for k, c in enumerate(scheme.c.tolist())]
-        self._take(i, nodes, states[-1], np.array(at_stages).T, np.zeros((0, scheme.stages)))
+        at_stages = nodes[first : first + scheme.stages].T[:, None, None]
+        slopes = rates.values(rates.equations.rates, scheme.c, at_stages, slice(i, i + 1))[:, 0, 0] / rates.widths[i]
+        self._take(i, nodes, states[-1], slopes, np.zeros((0, scheme.stages)))
         return ""
 
     def _step(self, i: int) -> str:
@@ -411,51 +414,3 @@ def initial_states(block: Any, given: Mapping[str, float]) -> Array:
             followed = read_values([block.component(name)[first]], InitialGuessError, _WHAT_IS_MISSING)[0]
         found[name] = followed
     return np.array([found[name] for name in names], dtype=float)
-
-
-def put_rough_motion(block: Any) -> bool:
-    """Let the states of a phase follow its controls and algebraics, as well as a start needs it.
-
-    One step of Runge and Kutta leads from node to node.
-
-    Parameters
-    ----------
-    block : PhaseBlock
-        Every free variable has a value; algebraics keep theirs, whatever the equations say.
-
-    Returns
-    -------
-    bool
-        Whether there is such a motion: every state has an explicit equation, and stays moderate. Otherwise values are
-        as before.
-    """
-    record, names, grid = block.record, block.record.names_of_states, block.record.grid
-    explicit = set(record.equation_of) - record.discrete_states >= set(names)
-    if not explicit or record.delayed_names or not names:
-        return False
-    found, nodes = np.empty((len(grid.times), len(names))), grid.scheme.state_nodes
-    places, ends = np.union1d(nodes, [0.0, 1.0]), np.searchsorted(grid.times, grid.mesh.boundaries)
-    try:
-        planned = PhaseValues(block).trajectory(evaluate=False)
-        formulas = RuleFormulas(block, planned.grid, coupled_phases_of(block, planned.grid))
-        equations = known_equations(formulas, (), contact=False)
-        rates, state = RightHandSides(formulas, planned, equations), initial_states(block, {})
-        with np.errstate(all="ignore"):
-            for i in range(grid.mesh.elements):
-                states = rates.roughly_through(i, state, places)
-                found[grid.node_positions[i]] = states[np.searchsorted(places, nodes)]
-                found[ends[i + 1]] = state = states[-1]
-    except (PyRobocopError, ArithmeticError, ValueError, TypeError, KeyError):
-        return False  # a rule may raise anything at such values
-    if not is_moderate(found):
-        return False
-    for name, numbers in zip(names, found.T, strict=True):
-        variables = record.nodes(name).variables(block)
-        free = [k for k, variable in enumerate(variables) if not variable.fixed]
-        put_values([variables[k] for k in free], numbers[free].tolist())
-    return True
-
-
-def is_moderate(numbers: Array) -> bool:
-    """Whether a motion can be a start."""
-    return bool(np.abs(numbers).max(initial=0.0) < 1e6)
