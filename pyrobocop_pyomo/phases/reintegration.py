@@ -317,7 +317,7 @@ class _Motion:
         ----------
         starts : array, shape (n, N)
         found, slopes : array
-            From there.
+            As `with_slopes` gives them.
         first : array, shape (n,)
         """
         with suppress(ArithmeticError, ValueError):
@@ -329,7 +329,7 @@ class _Motion:
                 if (np.abs(moves) <= NEGLIGIBLE * self._scales[:, None]).all():
                     return found
                 starts = starts + moves
-                found, slopes = self.with_slopes(starts)
+                found = self.of_elements(starts)  # with the slopes that it has: they are most of the work
         return self.one_by_one(first)  # an unstable motion goes far from where slopes were taken
 
     def one_by_one(self, first: Array, so_far: MotionSoFar | None = None) -> Array | None:
