@@ -145,15 +145,14 @@ class FormulaStep(StepSystem):
         Where in the element it starts and ends.
     sizes : array, shape (n + m,)
         Of states and unknowns.
-    start, scheme, **options
+    start, scheme
         As for `StepSystem`.
     """
 
     def __init__(
-        self, rates: RightHandSides, i: int, begin: float, end: float, start: Array, scheme: Scheme, sizes: Array,
-        **options: Any,
-    ) -> None:  # fmt: skip
-        super().__init__(scheme, rates.equations, float(rates.widths[i]) * (end - begin), start, **options)
+        self, rates: RightHandSides, i: int, begin: float, end: float, start: Array, scheme: Scheme, sizes: Array
+    ) -> None:
+        super().__init__(scheme, rates.equations, float(rates.widths[i]) * (end - begin), start)
         self._rates, self._sizes = rates, self.point_from(*np.split(sizes, [len(start)]))
         self._given = rates.in_element(i, begin + (end - begin) * scheme.c, start)
 

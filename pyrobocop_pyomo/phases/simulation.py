@@ -32,14 +32,14 @@ from .delays import MotionSoFar
 from .families import guesses_by_component, names_by_component
 from .horizon import real_grid
 from .impacts import Impacts
-from .implicit_steps import FormulaStep, RowStep, StepSystem
+from .implicit_steps import RowStep, StepSystem
 from .instant_equations import known_equations
 from .phase_values import PhaseValues, pairs_of_phase, read_values
 from .record import PhaseRecord
 from .right_hand_sides import RightHandSides, TooManyEvaluations
 from .rule_formulas import RuleFormulas
 from .stated_numbers import moving_end
-from .step_equations import by_points, pairs_on_model
+from .step_equations import StepEquations, by_points, pairs_on_model
 
 LOGGER = logging.getLogger(__name__)
 
@@ -160,6 +160,8 @@ class _Run:
             name: next((v.value for v in self._variables[name] if v.value is not None), 0.0) for name in self._unknown
         }
         self.reached = self.grid.mesh.boundaries[0]
+        self._rates: RightHandSides | None = None  # where SciPy integrates
+        self._rows: list[StepEquations] = []  # of steps
 
     @contextmanager
     def on_model(self) -> Iterator[None]:
@@ -179,29 +181,17 @@ class _Run:
             yield
 
     def _state_equations(self) -> None:
-        """Take the formulas of the rules; of steps the rows at the points, where rules say nothing for all times."""
+        """Take the formulas of the rules; of steps the rows at the points."""
         block, record = self._block, self._record
-        given = replace(self.trajectory(record.grid.mesh.elements), states={}, rates={})
-        formulas = RuleFormulas(block, self.grid, coupled_phases_of(block, self.grid))
-        self._rates: RightHandSides | None = None
-        self._rows: list[Any]
-        try:
-            equations = known_equations(formulas, self._unknown, contact=self.contact)
-            self._rates = RightHandSides(formulas, given, equations)
-        except TrajectoryError:
-            if not self._is_stepped:
-                raise
         if not self._is_stepped:
-            assert self._rates is not None
-            self._so_far = MotionSoFar(record.names_of_states, self._rates.past, self.reached, self._start)
-            self._rates.past, self._rates.most_evaluations = self._so_far, self._options.most_evaluations or np.inf
+            given = replace(self.trajectory(record.grid.mesh.elements), states={}, rates={})
+            formulas = RuleFormulas(block, self.grid, coupled_phases_of(block, self.grid))
+            self._rates = rates = RightHandSides(formulas, given, known_equations(formulas, all_given=True))
+            self._so_far = MotionSoFar(record.names_of_states, rates.past, self.reached, self._start)
+            rates.past, rates.most_evaluations = self._so_far, self._options.most_evaluations or np.inf
             return
-        if self._rates is None or self._rates.are_delayed:  # an element may read itself
-            self._rates, self._rows = None, by_points(block, self._unknown, self.contact)
-            states = {id(variable) for name in record.names_of_states for variable in self._variables[name]}
-        else:
-            self._rows = [self._rates.equations] * len(record.grid.points)
-            states = set(self._rates.keys[: len(record.names_of_states)])
+        self._rows = by_points(block, self._unknown, self.contact)
+        states = {id(variable) for name in record.names_of_states for variable in self._variables[name]}
         for point, of in zip(record.grid.points, self._rows, strict=True):
             if len(of.rows) + len(of.pairs) != len(of.unknowns):
                 raise InitialGuessError(
@@ -225,7 +215,7 @@ class _Run:
         except (ArithmeticError, ValueError) as error:  # of a logarithm of a negative number, a division by zero
             said = str(error).splitlines()[0] if str(error) else type(error).__name__
             why = f"the equations have no value ({(self._rates and self._rates.undefined()) or said})"
-        if self._rates is not None and not self._is_stepped:
+        if self._rates is not None:
             self.reached = float(self._rates.reached)
         return why
 
@@ -282,9 +272,6 @@ class _Run:
         found = [self._derivatives.get(name.removeprefix("d "), name) for name in self._rows[0].unknowns]
         known = np.array([self._found[name][shared] for name in found]).reshape(len(found), len(shared))
         maps = np.array([share > 0.0 and name in self._record.discrete_states for name in names], dtype=bool)
-        if self._rates is not None:
-            sizes = np.ones(len(names) + len(found))
-            return FormulaStep(self._rates, i, 0.0, share, self._start, grid.scheme, sizes, known=known, maps=maps)
         nodes = [self._variables[name][k] for k in grid.node_positions[i, 1:] for name in names]
         length, rows = share * float(self.grid.mesh.widths[i]), [self._rows[k] for k in stages]
         return RowStep(rows, nodes, length, self._start, grid.scheme, known=known, maps=maps)
