@@ -18,7 +18,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.numerics import Array, Scheme, radau
-from pyrobocop_pyomo.numerics.flows import Flows
 from pyrobocop_pyomo.numerics.mixed_complementarity import (
     ComplementarityValues,
     MixedComplementarity,
@@ -146,15 +145,14 @@ class FormulaStep(StepSystem):
         Where in the element it starts and ends.
     sizes : array, shape (n + m,)
         Of states and unknowns.
-    start, scheme, **options
+    start, scheme
         As for `StepSystem`.
     """
 
     def __init__(
-        self, rates: RightHandSides, i: int, begin: float, end: float, start: Array, scheme: Scheme, sizes: Array,
-        **options: Any,
-    ) -> None:  # fmt: skip
-        super().__init__(scheme, rates.equations, float(rates.widths[i]) * (end - begin), start, **options)
+        self, rates: RightHandSides, i: int, begin: float, end: float, start: Array, scheme: Scheme, sizes: Array
+    ) -> None:
+        super().__init__(scheme, rates.equations, float(rates.widths[i]) * (end - begin), start)
         self._rates, self._sizes = rates, self.point_from(*np.split(sizes, [len(start)]))
         self._given = rates.in_element(i, begin + (end - begin) * scheme.c, start)
 
@@ -377,6 +375,29 @@ def _sides(
     between = np.abs(values.other) <= little
     bits = (at_lower + 2 * between + 4 * at_upper).astype(np.int64)
     return np.bitwise_and.reduce(bits.reshape(pairs, len(bits) // max(pairs, 1)), axis=1)
+
+
+@dataclass(frozen=True)
+class Flows:
+    """What equations do over ``N`` elements with ``n`` states, at ``k`` fractions of each.
+
+    Attributes
+    ----------
+    fractions : array, shape (k,)
+    local : array, shape (N, k, n)
+        Each element from its own start.
+    whole : array, shape (N, k, n), or None
+        From the start of the first element on; None where that could not be followed, or left the finite numbers.
+    """
+
+    fractions: Array
+    local: Array
+    whole: Array | None
+
+    def at(self, fractions: Array) -> Flows:
+        """At some of the fractions."""
+        at = np.searchsorted(self.fractions, fractions)
+        return Flows(fractions, self.local[:, at], None if self.whole is None else self.whole[:, at])
 
 
 def stepped_flows(

@@ -8,7 +8,7 @@ alone as a rule, asks something of the motion and is no equation for it, unless 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Container, Iterable, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any
@@ -27,7 +27,7 @@ from pyrobocop_pyomo.numerics import Matching
 from .declarations import Algebraic, Control
 from .record import PhaseRecord, Statement
 from .rule_formulas import RuleFormulas
-from .step_equations import PairStatement, as_tuple, labelled, pairs_on_model, statements_of, zero_of
+from .step_equations import PairStatement, as_tuple, labelled, statements_of, zero_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,7 @@ class InstantEquations:
         Where all of this is stated.
     """
 
-    def __init__(self, formulas: RuleFormulas, unknown: Sequence[str] | None, *, contact: bool) -> None:
+    def __init__(self, formulas: RuleFormulas, *, all_given: bool) -> None:
         block, record = formulas.block, formulas.record
         self._phase, self._formulas = f"phase '{block.name}'", formulas
         names = record.names_of_states
@@ -84,14 +84,14 @@ class InstantEquations:
         read = self._reads(self.rates)
         self.statements = record.statements_of("ode")
         formulas.set_bounds(record.grid.times[0])  # a side may be a variable's own bound
-        if unknown is None:
+        unknown: list[str] = []
+        equations: list[_Equation] = []
+        self.is_hidden = False
+        if not all_given:
             found = [each for statement, labels in self._stated() for each in self._equations_of(statement, labels)]
             found.sort(key=lambda equation: equation.pair is not None)
             algebraics = [name for name in record.names(Algebraic) if name not in fixed]
             unknown, equations, self.is_hidden = self._select(found, frozenset(slopes), algebraics, read)
-        else:
-            unknown, self.is_hidden = [*slopes, *unknown], False
-            equations = [*(self._residuals() if unknown else ()), *(self._active_pairs() if contact else ())]
         self.read = read.union(*(equation.reads for equation in equations))
         self.unknowns = {name: variables[name] for name in unknown}
         of_rows = [equation for equation in equations if equation.pair is None]
@@ -128,10 +128,10 @@ class InstantEquations:
                 self.statements.append(statement)
                 yield statement, labels
 
-    def _equations_of(self, statement: Statement, labels: Container[Any] | None = None) -> Iterator[_Equation]:
-        """Rows and pairs that a statement says at any time: those with some labels, or all."""
+    def _equations_of(self, statement: Statement, labels: Container[Any]) -> Iterator[_Equation]:
+        """Rows and pairs with some labels that a statement says at any time."""
         for label, said in self._formulas.formulas_of(statement, statement.rows).items():
-            if labels is not None and as_tuple(label) not in labels:
+            if as_tuple(label) not in labels:
                 continue
             is_pair = isinstance(said, CanonicalForm)
             rows, pairs = statements_of(labelled(statement.name, label), said) if is_pair else ([zero_of(said)], [])
@@ -140,27 +140,6 @@ class InstantEquations:
             for stated in pairs:
                 pair = replace(stated, body=self._replaced.of(stated.body), other=self._replaced.of(stated.other))
                 yield _Equation(statement.name, None, pair, self._reads([pair.body, pair.other]))
-
-    def _residuals(self) -> Iterator[_Equation]:
-        """All rows of residual equations."""
-        block = self._formulas.block
-        for statement in block.record.statements_of("residual"):
-            if not all(row.active for row in block.component(statement.name).values()):
-                raise TrajectoryError(f"'{statement.name}' does not hold at all points")
-            yield from self._equations_of(statement)
-
-    def _active_pairs(self) -> list[_Equation]:
-        """All pairs, of statements that hold."""
-        block, record = self._formulas.block, self._formulas.record
-        on_model = pairs_on_model(block)
-        active = {data.parent_component().local_name for _, data in on_model}
-        stated = [of for of in record.statements_of("complementarity") if of.name in active]
-        found = [each for statement in stated for each in self._equations_of(statement)]
-        count = sum(each.pair is not None for each in found)
-        bounds_move = any(callable(of.bounds) for of in record.declarations.values())
-        if on_model and (bounds_move or len(on_model) != count * len(record.grid.points)):
-            raise TrajectoryError("pairs do not hold at all points by one rule")
-        return found
 
     def _select(
         self, stated: list[_Equation], slopes: frozenset[str], algebraics: list[str], read: frozenset[str]
@@ -220,19 +199,15 @@ class InstantEquations:
         return equation.reads & self._controls if equation.pair is None else frozenset()
 
 
-def known_equations(
-    formulas: RuleFormulas, unknown: Sequence[str] | None = None, *, contact: bool = True
-) -> InstantEquations:
+def known_equations(formulas: RuleFormulas, *, all_given: bool = False) -> InstantEquations:
     """The equations of a phase.
 
     Parameters
     ----------
     formulas : RuleFormulas
-    unknown : sequence of str, optional
-        Algebraics and controls that all residual equations and pairs are to determine, beside derivatives that no ode
-        states; by default what the motion depends on, with the equations that determine it.
-    contact : bool
-        Whether pairs determine some of what is given as unknown.
+    all_given : bool
+        Whether nothing but states is to be found; by default what the motion depends on is, by the equations that
+        determine it.
 
     Raises
     ------
@@ -241,7 +216,7 @@ def known_equations(
         determined.
     """
     with failures_as(TrajectoryError, f"phase '{formulas.block.name}': its equations are no formulas"):
-        return InstantEquations(formulas, unknown, contact=contact)
+        return InstantEquations(formulas, all_given=all_given)
 
 
 def refuse_equations_beside(block: Any, read: Iterable[str]) -> None:

@@ -10,15 +10,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from pyrobocop_pyomo.errors import EvaluationError, PyRobocopError, TrajectoryError
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.numerics.flows import Flows, integrate_flows
 from pyrobocop_pyomo.numerics.lagrange import gauss_rule
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.numerics.tables import tables_continued
 from pyrobocop_pyomo.trajectories import Trajectory
 
@@ -27,15 +26,13 @@ from .coupled_phases import coupled_phases_of, put_on_model
 from .delays import MotionSoFar
 from .element_instants import ElementInstants
 from .families import guesses_by_component
-from .implicit_steps import stepped_flows
+from .implicit_steps import Flows, stepped_flows
 from .instant_equations import InstantEquations, known_equations, refuse_equations_beside
 from .record import PhaseRecord, Statement
 from .right_hand_sides import RightHandSides
 from .rule_formulas import RuleFormulas
 
-# Of the integration, relative to the size of each state. Differences are of interest from there on.
-TOLERANCE = 1e-10
-# The same of SciPy.
+# Of the integration: differences are of interest from there on.
 _EXACTLY: dict[str, Any] = {"method": "LSODA", "rtol": 1e-10, "atol": 1e-11}
 # A state that stays at zero has a size too.
 SMALLEST_SCALE = 1e-3
@@ -263,46 +260,88 @@ def _planned(trajectory: Trajectory, names: Sequence[str], fractions: Array) -> 
 def _flows(
     rates: RightHandSides, trajectory: Trajectory, parts: Array, fractions: Array, first: Array, *, ends_only: bool
 ) -> Flows:
-    names = list(trajectory.states)
+    names = [*trajectory.states]
     scales = SMALLEST_SCALE + np.abs(np.array([trajectory.states[name] for name in names])).max(axis=1)
-    if rates.are_delayed or not rates.equations.needs_steps:
-        # What is delayed is that of the plan for single elements, and for the whole motion its own.
-        planned, is_local = partial(_planned, trajectory, names), ends_only or rates.are_delayed
-        flows = integrate_flows(rates, planned, scales, fractions, TOLERANCE, None if is_local else first, parts)
-        if flows is not None and (ends_only or not rates.are_delayed):
-            return flows
-        # What is not smooth takes short steps, and these are SciPy's business.
-        with np.errstate(all="ignore"), nullcontext() if rates.are_delayed else suppress(ArithmeticError, ValueError):
-            if not rates.equations.unknowns:
-                local = _local_by_scipy(rates, trajectory, parts, fractions) if flows is None else flows.local
-                if rates.are_delayed or np.isfinite(local).all():
-                    whole = None if ends_only else _whole_by_scipy(rates, trajectory, parts, fractions, first)
-                    return Flows(fractions, local, whole)
-    return stepped_flows(rates, trajectory, parts, fractions, scales, first)
+    if rates.equations.needs_steps:
+        return stepped_flows(rates, trajectory, parts, fractions, scales, first)
+    motion, starts = _Motion(rates, parts, fractions, scales), _planned(trajectory, names, np.zeros(1))[:, :, 0]
+    local, whole = np.full((*starts.shape, len(fractions)), np.inf), None
+    # What is delayed is that of the plan for single elements, and for the whole motion its own.
+    with np.errstate(all="ignore"), nullcontext() if rates.are_delayed else suppress(ArithmeticError, ValueError):
+        if ends_only:
+            local = motion.of_elements(starts)
+        elif rates.are_delayed:
+            so_far = MotionSoFar(names, rates.past, trajectory.grid.mesh.boundaries[0], first)
+            local, rates.past = motion.of_elements(starts), so_far
+            whole = motion.one_by_one(first, so_far)
+        else:
+            local, slopes = motion.with_slopes(starts)
+            whole = motion.meeting(starts, local, slopes, first)
+    return Flows(fractions, local.transpose(1, 2, 0), None if whole is None else whole.transpose(1, 2, 0))
 
 
-def _local_by_scipy(rates: RightHandSides, trajectory: Trajectory, parts: Array, fractions: Array) -> Array:
-    """Each element from its own start."""
-    starts = _planned(trajectory, list(trajectory.states), np.zeros(1))[:, :, 0].T
-    bands = dict.fromkeys(("lband", "uband"), starts.shape[1] - 1)
-    found, _ = rates.through(None, starts.ravel(), parts, fractions, **_EXACTLY, **bands)
-    return found.reshape(len(fractions), *starts.shape).swapaxes(0, 1)
+class _Motion:
+    """The motion of equations by SciPy: of elements side by side, and from the first start on.
 
+    Parameters
+    ----------
+    rates : RightHandSides
+    parts, fractions : array
+        As for `RightHandSides.through`.
+    scales : array, shape (n,)
+    """
 
-def _whole_by_scipy(
-    rates: RightHandSides, trajectory: Trajectory, parts: Array, fractions: Array, first: Array
-) -> Array | None:
-    """The motion from the first start on, element by element; with delays it reads itself."""
-    rates.past = so_far = MotionSoFar(list(trajectory.states), rates.past, trajectory.grid.mesh.boundaries[0], first)
-    carried = [first[None]]
-    try:
-        for i in range(len(rates.widths)):
-            found, _ = rates.through(i, carried[-1][-1], parts, fractions, so_far, **_EXACTLY)
-            if not np.isfinite(found).all():
-                return None
-            carried.append(found)
-    except PyRobocopError:
-        raise  # a rule that cannot be asked says nothing about the motion
-    except (ArithmeticError, ValueError):
-        return None
-    return np.array(carried[1:])
+    def __init__(self, rates: RightHandSides, parts: Array, fractions: Array, scales: Array) -> None:
+        self._rates, self._parts, self._fractions, self._scales = rates, parts, fractions, scales
+        rates.farthest = 1e6 * scales
+
+    def _through(self, elements: slice, states: Array, so_far: MotionSoFar | None = None) -> Array:
+        return self._rates.through(elements, states, self._parts, self._fractions, so_far, **_EXACTLY)[0]
+
+    def of_elements(self, starts: Array) -> Array:
+        """Each element from its own start, shape ``(n, N, q)``."""
+        return self._through(slice(None), starts[:, None])[:, 0]
+
+    def with_slopes(self, starts: Array) -> tuple[Array, Array]:
+        """The same, and derivatives of the ends by the starts, shape ``(n, n, N)``."""
+        steps, n = 1e-6 * self._scales[:, None], len(starts)
+        varied, each = np.repeat(starts[:, None], n + 1, axis=1), np.arange(n)
+        varied[each, each + 1] += steps
+        found = self._through(slice(None), varied)
+        return found[:, 0], (found[:, 1:, :, -1] - found[:, :1, :, -1]) / steps
+
+    def meeting(self, starts: Array, found: Array, slopes: Array, first: Array) -> Array | None:
+        """From the first start on: all elements from starts at which their ends meet, by Newton's method.
+
+        Parameters
+        ----------
+        starts : array, shape (n, N)
+        found, slopes : array
+            As `with_slopes` gives them.
+        first : array, shape (n,)
+        """
+        with suppress(ArithmeticError, ValueError):
+            for _ in range(8):
+                moves = np.empty(starts.shape)
+                moves[:, 0] = first - starts[:, 0]
+                for i, gap in enumerate((found[:, :-1, -1] - starts[:, 1:]).T):
+                    moves[:, i + 1] = gap + slopes[:, :, i] @ moves[:, i]
+                if (np.abs(moves) <= NEGLIGIBLE * self._scales[:, None]).all():
+                    return found
+                starts = starts + moves
+                found = self.of_elements(starts)  # with the slopes that it has: they are most of the work
+        return self.one_by_one(first)  # an unstable motion goes far from where slopes were taken
+
+    def one_by_one(self, first: Array, so_far: MotionSoFar | None = None) -> Array | None:
+        """From the first start on, one element after the other; with delays the motion reads itself."""
+        carried = [first[:, None, None, None]]
+        try:
+            for i in range(len(self._rates.widths)):
+                carried.append(self._through(slice(i, i + 1), carried[-1][..., -1], so_far))
+                if not np.isfinite(carried[-1]).all():
+                    return None
+        except PyRobocopError:
+            raise  # a rule that cannot be asked says nothing about the motion
+        except (ArithmeticError, ValueError):
+            return None
+        return np.concatenate(carried[1:], axis=2)[:, 0]

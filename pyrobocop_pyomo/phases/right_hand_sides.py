@@ -1,6 +1,6 @@
 """The right-hand sides of a phase under the controls of a trajectory, by the formulas of its rules.
 
-They are evaluated with arrays for all elements at once, or with floats at an instant of one.
+They are evaluated with arrays, for all elements at once or for one of them.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.errors import TrajectoryError
-from pyrobocop_pyomo.modeling.expression_nodes import FLOAT_FUNCTIONS
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.trajectories import Trajectory
@@ -58,6 +57,8 @@ class RightHandSides:
         Of `at`, before `TooManyEvaluations` is raised.
     reached : float
         The time at which `at` was evaluated last.
+    farthest : array, shape (n,)
+        Sizes of states beyond which a motion counts as one that has left the finite numbers.
 
     Raises
     ------
@@ -72,8 +73,6 @@ class RightHandSides:
         self.widths = trajectory.grid.mesh.widths
         of_signals = [trajectory.element_signals(name) for name in trajectory.signals]
         self._signals = np.array(of_signals).reshape(-1, len(self.widths), trajectory.grid.scheme.stages)
-        self._known: dict[bytes, dict[int, Any]] = {}
-        self._floats: dict[float, list[dict[int, float]]] = {}
         meshes = trajectory.grid.mesh, formulas.indices.mesh
         self._starts, self._indices = (np.array(mesh.boundaries[:-1]) for mesh in meshes)
         self._index_widths = np.array(formulas.indices.mesh.widths)
@@ -89,6 +88,7 @@ class RightHandSides:
         self._delays = [*of_equations, *formulas.delays_in(further)]
         self.past: Past = past_of(trajectory)
         self.most_evaluations, self.reached, self._evaluations = np.inf, self._starts[0], 0
+        self.farthest = np.full(len(self._names), np.inf)
         self.smallest_delay = min((delay for _, delay in of_equations if delay > 0.0), default=np.inf)
         self._stated = partial(formulas.values, stated)
         self._everything = partial(formulas.values, [*self.equations.rates, *stated])
@@ -101,18 +101,31 @@ class RightHandSides:
         self._inverses: dict[tuple[int, ...], Array | None] = {}
         self._last: dict[int, Any] = {}
 
-    # ---------------------------------------------------------------- for all elements
+    # ---------------------------------------------------------------- at some fractions of elements
 
-    def __call__(self, fractions: Array, states: Array) -> Array:
-        """Derivatives by local fractions, shape ``(n, k, N, q)``, of states of that shape."""
-        return self.values(self.equations.rates, fractions, states)
+    def values(
+        self, expressions: Sequence[Any], fractions: Array, states: Array, elements: slice = slice(None)
+    ) -> Array:
+        """Formulas at local fractions of some elements, times the widths of these.
 
-    def values(self, expressions: Sequence[Any], fractions: Array, states: Array) -> Array:
-        """Formulas at local fractions with states of shape ``(n, k, N, q)``, times the widths of the elements."""
-        leaves = self._given(fractions) | dict(zip(self.keys, states, strict=False))
+        Parameters
+        ----------
+        expressions : sequence of v expressions
+        fractions : array, shape (q,)
+        states : array, shape (n, k, E, q)
+            For ``k`` variants.
+        elements : slice
+            Of ``E`` elements; all of them by default.
+
+        Returns
+        -------
+        array, shape (v, k, E, q)
+        """
+        leaves = self._planned(fractions, elements) | dict(zip(self.keys, states, strict=False))
         if self._unknowns:
             leaves |= dict(zip(self._unknowns, self._determined(leaves, states.shape[1:]), strict=True))
-        return stacked(self._formulas.values(expressions, leaves), states.shape[1:]) * self.widths[:, None]
+        self._last = leaves
+        return stacked(self._formulas.values(expressions, leaves), states.shape[1:]) * self.widths[elements, None]
 
     def _determined(self, leaves: dict[int, Any], shape: tuple[int, ...]) -> Array:
         """The unknowns by Newton's method from the plan, shape ``(m, k, N, q)``; NaN where it finds none.
@@ -151,7 +164,8 @@ class RightHandSides:
 
     def in_element(self, i: int, fractions: Array, start: Array) -> dict[int, Any]:
         """What stands in place of each variable at some places of an element, as planned; arrays ``(q, 1)``."""
-        found = {key: of[i][:, None] if np.ndim(of) else of for key, of in self._given(fractions).items()}
+        planned = self._planned(fractions, slice(i, i + 1))
+        found = {key: of.T if np.ndim(of) else of for key, of in planned.items()}
         return found | self._formulas.at_starts(dict(zip(self._names, start.tolist(), strict=True)))
 
     def everything(self, leaves: Mapping[int, Any], at: Array) -> Array:
@@ -162,16 +176,8 @@ class RightHandSides:
         """Real times at a local fraction of every element."""
         return np.asarray(self._starts + fraction * self.widths)
 
-    def _given(self, fractions: Array) -> dict[int, Any]:
-        """Everything but the states as planned, at local fractions of every element, shape ``(N, q)``."""
-        if len(fractions) == 1:
-            return self._planned(fractions, slice(None))  # of SciPy's steps, each of which is another one
-        key = fractions.tobytes()
-        if key not in self._known:
-            self._known[key] = self._planned(fractions, slice(None))
-        return self._known[key]
-
     def _planned(self, fractions: Array, elements: slice) -> dict[int, Any]:
+        """Everything but the states as planned, shape ``(E, q)``."""
         trajectory, widths = self._trajectory, self.widths[elements, None]
         weights = trajectory.grid.scheme.stage_polynomial_at(fractions)
         times = self._starts[elements, None] + fractions * widths
@@ -185,58 +191,53 @@ class RightHandSides:
         beside = self._formulas.of_coupled_phases(fractions)
         return leaves | {key: of.T[elements] for key, of in beside.items()}
 
-    # ---------------------------------------------------------------- in one element
+    # ---------------------------------------------------------------- along a motion
 
-    def at(self, i: int, fraction: float, states: Array, *, of_all: bool = False) -> Array:
-        """Derivatives of all states by real time at a local fraction of one element.
+    def at(self, elements: slice, fraction: float, states: Array) -> Array:
+        """Derivatives by the local fraction at one fraction of some elements, shape ``(n, k, E)`` as the states.
 
-        Parameters
-        ----------
-        i : int
-        fraction : float
-        states : array, shape (n,)
-        of_all : bool
-            Whether the same fraction is one of all elements: what is planned there is read at once, and kept.
+        Raises
+        ------
+        FloatingPointError
+            Where one has no value.
         """
         self._evaluations += 1
-        self.reached = self._starts[i] + fraction * self.widths[i]
+        self.reached = self._starts[elements][0] + fraction * self.widths[elements][0]
         if self._evaluations > self.most_evaluations:
             raise TooManyEvaluations
-        if of_all and not self._delays:
-            if fraction not in self._floats:
-                self._floats[fraction] = _by_element(self._given(np.array([fraction])), len(self.widths))
-            planned = self._floats[fraction][i]
-        else:
-            [planned] = _by_element(self._planned(np.array([fraction]), slice(i, i + 1)), 1)
-        leaves = planned | dict(zip(self.keys, states.tolist(), strict=True))
-        self._last = leaves
-        rates = self._formulas.values(self.equations.rates, leaves, FLOAT_FUNCTIONS)
-        if any(isinstance(rate, complex) for rate in rates):
-            raise ValueError("a rate is no real number")
-        return np.array(rates, dtype=float)
+        rates = self.values(self.equations.rates, np.array([fraction]), states[..., None], elements)[..., 0]
+        is_far = (np.abs(states) > self.farthest[:, None, None]).any()
+        if is_far or not np.isfinite(rates).all():  # SciPy would look for a step without end
+            raise FloatingPointError("a rate has no value")
+        return rates
 
     def through(
-        self, i: Any, state: Array, parts: Array, fractions: Array, so_far: MotionSoFar | None = None, **options: Any
+        self,
+        elements: slice,
+        states: Array,
+        parts: Array,
+        fractions: Array,
+        so_far: MotionSoFar | None = None,
+        **options: Any,
     ) -> tuple[Array, str]:
-        """The motion through one element by SciPy.
+        """The motion through some elements side by side, by SciPy.
 
         Parameters
         ----------
-        i : int or None
-            None for all elements side by side, each from its own start.
-        state : array, shape (n,)
-            Where it starts; of all elements, one after the other.
+        elements : slice
+        states : array, shape (n, k, E)
+            Where each of them starts, for k variants.
         parts : array
             From 0 to 1: no step goes across one of them.
-        fractions : array, shape (k,)
+        fractions : array, shape (q,)
         so_far : MotionSoFar, optional
-            Learns the motion part by part, so short that what is delayed is known by then.
+            Learns the motion of one element part by part, so short that what is delayed is known by then.
         **options
             Of `scipy.integrate.solve_ivp`.
 
         Returns
         -------
-        states : array, shape (k, n)
+        states : array, shape (n, k, E, q)
             At the fractions; infinite from where SciPy gave up.
         why : str
             What SciPy said then.
@@ -246,16 +247,12 @@ class RightHandSides:
         TrajectoryError
             When a delay is too short to go on.
         """
-        begin, width = self._starts[i or 0], float(self.widths[i or 0])
+        begin, width, shape = self._starts[elements][0], float(self.widths[elements][0]), states.T.shape
+        if options["method"] == "LSODA":  # elements know nothing of each other
+            options |= dict.fromkeys(("lband", "uband"), len(states) - 1)
 
         def slope(fraction: float, at: Array) -> Array:
-            if i is not None:
-                return width * self.at(i, fraction, at)
-            states = at.reshape(len(self.widths), -1).T[:, None, :, None]
-            rates = self(np.array([fraction]), states)[:, 0, :, 0].T.ravel()
-            if not np.isfinite(rates).all():  # SciPy would look for a step without end
-                raise FloatingPointError("a rate has no value")
-            return rates
+            return self.at(elements, fraction, at.reshape(shape).T).T.ravel()
 
         longest = np.inf if so_far is None else self.smallest_delay / width
         if longest < _SHORTEST_PART:
@@ -263,7 +260,7 @@ class RightHandSides:
                 f"a delay is shorter than {_SHORTEST_PART:g} of the element that starts at {begin:g}: the method of "
                 "steps does not get on."
             )
-        found = np.full((len(fractions), len(state)), np.inf)
+        found, state = np.full((len(fractions), *shape), np.inf), states.T.ravel()
         for first, last in pairwise(parts.tolist()):
             while first < last:
                 end = last if last - first < 1.001 * longest else first + longest
@@ -271,53 +268,22 @@ class RightHandSides:
                 state = result.y[:, -1]
                 if not result.success or not np.isfinite(state).all():
                     self.reached = begin + width * float(result.t[-1])
-                    return found, str(result.message)
+                    return found.T, str(result.message)
                 inside = (fractions >= first) & (fractions <= end)
                 if inside.any():
-                    found[inside] = result.sol(fractions[inside]).T
+                    found[inside] = result.sol(fractions[inside]).T.reshape(-1, *shape)
                 if so_far is not None:
                     so_far.append(begin + width * end, partial(_at_time, result.sol, begin, width))
                 first = end
-        return found, ""
-
-    def roughly_through(self, i: int, state: Array, fractions: Array) -> Array:
-        """The motion through one element by a step of the classical Runge-Kutta method between two fractions.
-
-        Parameters
-        ----------
-        i : int
-        state : array, shape (n,)
-            At the first fraction.
-        fractions : array, shape (k,)
-
-        Returns
-        -------
-        array, shape (k, n)
-        """
-        states, slope = [state], partial(self.at, i, of_all=True)
-        for before, after in pairwise(fractions.tolist()):
-            width, middle = float(self.widths[i]) * (after - before), (before + after) / 2
-            first = slope(before, state)
-            second = slope(middle, state + 0.5 * width * first)
-            third = slope(middle, state + 0.5 * width * second)
-            fourth = slope(after, state + width * third)
-            state = state + width / 6.0 * (first + 2.0 * (second + third) + fourth)
-            states.append(state)
-        return np.array(states)
+        return found.T, ""
 
     def undefined(self) -> str:
         """Which part of a right-hand side has no value where they were evaluated last, in words; empty for none."""
         for name, rate in zip(self._names, self.equations.rates, strict=True):
-            part = self._formulas.undefined_part(rate, self._last)
+            part = self._formulas.undefined_part(rate, {key: float(np.ravel(of)[0]) for key, of in self._last.items()})
             if part:
                 return f"{part}, in the right-hand side of '{name}'"
         return ""
-
-
-def _by_element(given: Mapping[int, Any], count: int) -> list[dict[int, float]]:
-    """What is given at one place of some elements, as numbers of each of them."""
-    columns = [(np.zeros((count, 1)) + of)[:, 0].tolist() for of in given.values()]
-    return [dict(zip(given, numbers, strict=True)) for numbers in zip(*columns, strict=True)]
 
 
 def _at_time(solution: Callable[[float], Array], begin: float, width: float, time: float) -> Array:

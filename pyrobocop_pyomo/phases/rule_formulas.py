@@ -242,6 +242,8 @@ class RuleFormulas:
 
     def of_coupled_phases(self, fractions: Array) -> dict[int, Array]:
         """What other phases that rules have read are at local fractions, shape ``(q, N)``, by what stands for it."""
+        if not len(self._scratch.beside):
+            return {}
         values: dict[int, dict[str, Array]] = {}
         for number in dict.fromkeys(number for number, _ in self._scratch.beside):
             with suppress(TrajectoryError):  # nothing is known where the model has no values

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from pyomo.core.base.var import Var
 
-from pyrobocop_pyomo.errors import InitialGuessError, PyRobocopError, SimulationFailed, TrajectoryError
+from pyrobocop_pyomo.errors import InitialGuessError, SimulationFailed, TrajectoryError
 from pyrobocop_pyomo.modeling.rule_results import variables_read
 from pyrobocop_pyomo.modeling.variable_values import put_values, values_restored
 from pyrobocop_pyomo.numerics import Array, Grid, Mesh
@@ -32,14 +32,14 @@ from .delays import MotionSoFar
 from .families import guesses_by_component, names_by_component
 from .horizon import real_grid
 from .impacts import Impacts
-from .implicit_steps import FormulaStep, RowStep, StepSystem
+from .implicit_steps import RowStep, StepSystem
 from .instant_equations import known_equations
 from .phase_values import PhaseValues, pairs_of_phase, read_values
 from .record import PhaseRecord
 from .right_hand_sides import RightHandSides, TooManyEvaluations
 from .rule_formulas import RuleFormulas
 from .stated_numbers import moving_end
-from .step_equations import by_points, pairs_on_model
+from .step_equations import StepEquations, by_points, pairs_on_model
 
 LOGGER = logging.getLogger(__name__)
 
@@ -160,6 +160,8 @@ class _Run:
             name: next((v.value for v in self._variables[name] if v.value is not None), 0.0) for name in self._unknown
         }
         self.reached = self.grid.mesh.boundaries[0]
+        self._rates: RightHandSides | None = None  # where SciPy integrates
+        self._rows: list[StepEquations] = []  # of steps
 
     @contextmanager
     def on_model(self) -> Iterator[None]:
@@ -179,29 +181,17 @@ class _Run:
             yield
 
     def _state_equations(self) -> None:
-        """Take the formulas of the rules; of steps the rows at the points, where rules say nothing for all times."""
+        """Take the formulas of the rules; of steps the rows at the points."""
         block, record = self._block, self._record
-        given = replace(self.trajectory(record.grid.mesh.elements), states={}, rates={})
-        formulas = RuleFormulas(block, self.grid, coupled_phases_of(block, self.grid))
-        self._rates: RightHandSides | None = None
-        self._rows: list[Any]
-        try:
-            equations = known_equations(formulas, self._unknown, contact=self.contact)
-            self._rates = RightHandSides(formulas, given, equations)
-        except TrajectoryError:
-            if not self._is_stepped:
-                raise
         if not self._is_stepped:
-            assert self._rates is not None
-            self._so_far = MotionSoFar(record.names_of_states, self._rates.past, self.reached, self._start)
-            self._rates.past, self._rates.most_evaluations = self._so_far, self._options.most_evaluations or np.inf
+            given = replace(self.trajectory(record.grid.mesh.elements), states={}, rates={})
+            formulas = RuleFormulas(block, self.grid, coupled_phases_of(block, self.grid))
+            self._rates = rates = RightHandSides(formulas, given, known_equations(formulas, all_given=True))
+            self._so_far = MotionSoFar(record.names_of_states, rates.past, self.reached, self._start)
+            rates.past, rates.most_evaluations = self._so_far, self._options.most_evaluations or np.inf
             return
-        if self._rates is None or self._rates.are_delayed:  # an element may read itself
-            self._rates, self._rows = None, by_points(block, self._unknown, self.contact)
-            states = {id(variable) for name in record.names_of_states for variable in self._variables[name]}
-        else:
-            self._rows = [self._rates.equations] * len(record.grid.points)
-            states = set(self._rates.keys[: len(record.names_of_states)])
+        self._rows = by_points(block, self._unknown, self.contact)
+        states = {id(variable) for name in record.names_of_states for variable in self._variables[name]}
         for point, of in zip(record.grid.points, self._rows, strict=True):
             if len(of.rows) + len(of.pairs) != len(of.unknowns):
                 raise InitialGuessError(
@@ -225,7 +215,7 @@ class _Run:
         except (ArithmeticError, ValueError) as error:  # of a logarithm of a negative number, a division by zero
             said = str(error).splitlines()[0] if str(error) else type(error).__name__
             why = f"the equations have no value ({(self._rates and self._rates.undefined()) or said})"
-        if self._rates is not None and not self._is_stepped:
+        if self._rates is not None:
             self.reached = float(self._rates.reached)
         return why
 
@@ -237,7 +227,9 @@ class _Run:
         if len(self._start):
             settings: dict[str, Any] = {"method": options.method, "rtol": options.rtol, "atol": options.atol}
             so_far = self._so_far if rates.are_delayed else None
-            states, why = rates.through(i, self._start, np.array([0.0, 1.0]), places, so_far, **settings)
+            start, ends = self._start[:, None, None], np.array([0.0, 1.0])
+            found, why = rates.through(slice(i, i + 1), start, ends, places, so_far, **settings)
+            states = found[:, 0, 0].T
         else:
             states = np.zeros((len(places), 0))
         if why:
@@ -246,8 +238,9 @@ class _Run:
         nodes = states[np.searchsorted(places, scheme.state_nodes)]
         nodes[0] = self._start  # which is known without rounding
         first = 0 if scheme.starts_on_a_stage else 1
-        at_stages = [rates.at(i, c, nodes[first + k], of_all=True) for k, c in enumerate(scheme.c.tolist())]
-        self._take(i, nodes, states[-1], np.array(at_stages).T, np.zeros((0, scheme.stages)))
+        at_stages = nodes[first : first + scheme.stages].T[:, None, None]
+        slopes = rates.values(rates.equations.rates, scheme.c, at_stages, slice(i, i + 1))[:, 0, 0] / rates.widths[i]
+        self._take(i, nodes, states[-1], slopes, np.zeros((0, scheme.stages)))
         return ""
 
     def _step(self, i: int) -> str:
@@ -279,9 +272,6 @@ class _Run:
         found = [self._derivatives.get(name.removeprefix("d "), name) for name in self._rows[0].unknowns]
         known = np.array([self._found[name][shared] for name in found]).reshape(len(found), len(shared))
         maps = np.array([share > 0.0 and name in self._record.discrete_states for name in names], dtype=bool)
-        if self._rates is not None:
-            sizes = np.ones(len(names) + len(found))
-            return FormulaStep(self._rates, i, 0.0, share, self._start, grid.scheme, sizes, known=known, maps=maps)
         nodes = [self._variables[name][k] for k in grid.node_positions[i, 1:] for name in names]
         length, rows = share * float(self.grid.mesh.widths[i]), [self._rows[k] for k in stages]
         return RowStep(rows, nodes, length, self._start, grid.scheme, known=known, maps=maps)
@@ -411,51 +401,3 @@ def initial_states(block: Any, given: Mapping[str, float]) -> Array:
             followed = read_values([block.component(name)[first]], InitialGuessError, _WHAT_IS_MISSING)[0]
         found[name] = followed
     return np.array([found[name] for name in names], dtype=float)
-
-
-def put_rough_motion(block: Any) -> bool:
-    """Let the states of a phase follow its controls and algebraics, as well as a start needs it.
-
-    One step of Runge and Kutta leads from node to node.
-
-    Parameters
-    ----------
-    block : PhaseBlock
-        Every free variable has a value; algebraics keep theirs, whatever the equations say.
-
-    Returns
-    -------
-    bool
-        Whether there is such a motion: every state has an explicit equation, and stays moderate. Otherwise values are
-        as before.
-    """
-    record, names, grid = block.record, block.record.names_of_states, block.record.grid
-    explicit = set(record.equation_of) - record.discrete_states >= set(names)
-    if not explicit or record.delayed_names or not names:
-        return False
-    found, nodes = np.empty((len(grid.times), len(names))), grid.scheme.state_nodes
-    places, ends = np.union1d(nodes, [0.0, 1.0]), np.searchsorted(grid.times, grid.mesh.boundaries)
-    try:
-        planned = PhaseValues(block).trajectory(evaluate=False)
-        formulas = RuleFormulas(block, planned.grid, coupled_phases_of(block, planned.grid))
-        equations = known_equations(formulas, (), contact=False)
-        rates, state = RightHandSides(formulas, planned, equations), initial_states(block, {})
-        with np.errstate(all="ignore"):
-            for i in range(grid.mesh.elements):
-                states = rates.roughly_through(i, state, places)
-                found[grid.node_positions[i]] = states[np.searchsorted(places, nodes)]
-                found[ends[i + 1]] = state = states[-1]
-    except (PyRobocopError, ArithmeticError, ValueError, TypeError, KeyError):
-        return False  # a rule may raise anything at such values
-    if not is_moderate(found):
-        return False
-    for name, numbers in zip(names, found.T, strict=True):
-        variables = record.nodes(name).variables(block)
-        free = [k for k, variable in enumerate(variables) if not variable.fixed]
-        put_values([variables[k] for k in free], numbers[free].tolist())
-    return True
-
-
-def is_moderate(numbers: Array) -> bool:
-    """Whether a motion can be a start."""
-    return bool(np.abs(numbers).max(initial=0.0) < 1e6)

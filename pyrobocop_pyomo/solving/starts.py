@@ -17,9 +17,9 @@ from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
 from pyrobocop_pyomo.modeling.variable_values import VariableValues, within_bounds
 from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.obstacles.separation_rows import members_taken_off
-from pyrobocop_pyomo.phases import Algebraic, Control, PhaseBlockData, State, phases_of
+from pyrobocop_pyomo.phases import Control, PhaseBlockData, State, phases_of
 from pyrobocop_pyomo.phases.remeshing import put_on_meshes, why_not_remeshed
-from pyrobocop_pyomo.phases.simulation import SimulationOptions, is_moderate, put_rough_motion, simulate
+from pyrobocop_pyomo.phases.simulation import SimulationOptions, simulate
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 
 from .strategies import StartingPoint, Strategy
@@ -160,31 +160,14 @@ def put_start(model: Any, strategy: Strategy) -> bool:
     is_moved = start is not StartingPoint.RANDOM_MOTION and _put_on_straight_lines(model, keep_guesses=False)
     if start is StartingPoint.STRAIGHT_LINES:
         return is_moved
-    return _put_random_controls(model, strategy.draw) and (
-        start is StartingPoint.RANDOM_CONTROLS or any(_moved_roughly(model))
-    )
+    return _put_random_controls(model, strategy.draw) and (start is StartingPoint.RANDOM_CONTROLS or any(_moved(model)))
 
 
 def put_motion(model: Any) -> bool:
-    """Let phases move under the controls of the initial guess; returns whether any phase could.
-
-    Where there is nothing to find but states, steps from node to node are enough for a start: they take a tenth of the
-    time of a simulation.
-    """
-    before, is_moved = VariableValues.of_free(model), False
+    """Let phases move under the controls of the initial guess; returns whether any phase could."""
+    before = VariableValues.of_free(model)
     _put_on_straight_lines(model, keep_guesses=True)
-    _give_values(model)
-    for phase in phases_of(model):
-        if not phase.record.names(Algebraic) and put_rough_motion(phase):
-            is_moved = True
-            continue
-        try:
-            trajectory = simulate(phase, {}, {}, SIMULATED_BY)
-            if all(map(is_moderate, trajectory.states.values())):
-                phase.initialize(trajectory)
-                is_moved = True
-        except PyRobocopError as error:
-            logger.info("phase '%s' cannot be simulated as a start: %s", phase.name, error)
+    is_moved = any(_moved(model))
     if not is_moved:
         before.restore()
     return is_moved
@@ -295,7 +278,7 @@ def _mirror_controls(model: Any) -> bool:
         middle = 0.0 if lower is None or upper is None else 0.5 * (lower + upper)
         variable.set_value(within_bounds(2.0 * middle - variable.value, variable), skip_validation=True)
     if moved:
-        _moved_roughly(model)
+        _moved(model)
     return bool(moved)
 
 
@@ -303,10 +286,23 @@ def _controls(model: Any) -> list[Any]:
     return [phase.component(name) for phase in phases_of(model) for name in phase.record.names(Control)]
 
 
-def _moved_roughly(model: Any) -> list[bool]:
+def _moved(model: Any) -> list[bool]:
     """Let states follow the controls; returns for each phase whether they can."""
     _give_values(model)
-    return [put_rough_motion(phase) for phase in phases_of(model)]
+    return [_move(phase) for phase in phases_of(model)]
+
+
+def _move(phase: Any) -> bool:
+    """Let a phase follow its controls; returns whether that is a moderate motion."""
+    try:
+        trajectory = simulate(phase, {}, {}, SIMULATED_BY)
+    except PyRobocopError as error:
+        logger.info("phase '%s' cannot be simulated as a start: %s", phase.name, error)
+        return False
+    is_moderate = all(np.abs(of).max() < 1e6 for of in trajectory.states.values())
+    if is_moderate:
+        phase.initialize(trajectory)
+    return is_moderate
 
 
 def _give_values(model: Any) -> None:

@@ -199,7 +199,7 @@ def test_a_cost_that_the_quadrature_misses_is_said_in_the_first_line() -> None:
     m = hanging_chain(20)
     result = rcp.solve(m, mesh_tolerance=None)
     verdict = m.p.trajectory().verify()
-    assert verdict.element_error < 1e-12
+    assert verdict.element_error < 1e-10
     assert verdict.integral_error is not None
     assert verdict.integral_error > 0.1
     assert result.discretisation.is_large

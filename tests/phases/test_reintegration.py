@@ -12,7 +12,6 @@ from scipy.integrate import solve_ivp
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import TrajectoryError
-from pyrobocop_pyomo.numerics.flows import integrate_flows
 
 
 def pendulum(elements: int = 6, scheme: str = "radau", stages: int | None = None, **control: Any) -> Any:
@@ -195,40 +194,22 @@ def test_a_motion_that_leaves_the_finite_numbers_is_said_to() -> None:
     assert any("unstable" in remark for remark in verdict.remarks)
 
 
-@pytest.mark.parametrize("growth", [0.0, 1.0, 8.0])
-def test_ends_meet_for_unstable_equations_too(growth: float) -> None:
-    """eq-open-loop: x' = growth x, from starts that are off by far more than the answer."""
-    starts = np.linspace(1.0, 1.2, 10)[:, None]
-    fractions = np.linspace(0.0, 1.0, 5)
-    flows = integrate_flows(
-        lambda s, x: 0.1 * growth * x, lambda s: np.tile(starts, len(s))[None], np.ones(1), fractions, 1e-10, starts[0]
-    )
-    assert flows is not None
-    times = (np.arange(10)[:, None] + flows.fractions[None, :]) * 0.1
-    np.testing.assert_allclose(flows.whole[:, :, 0], np.exp(growth * times), rtol=1e-7)
-    np.testing.assert_allclose(flows.local[:, -1, 0], starts[:, 0] * np.exp(0.1 * growth), rtol=1e-8)
-
-
-def test_an_unstable_motion_is_followed_far_from_its_plan() -> None:
-    """A pendulum let go near the top, in elements that start near the bottom: the whole turns over and over."""
-    width, elements = 0.1, 80
-
-    def rates(fractions: np.ndarray, states: np.ndarray) -> np.ndarray:
-        return width * np.stack([states[1], 9.81 * np.sin(states[0])])
-
-    def planned(fractions: np.ndarray) -> np.ndarray:
-        return np.tile(np.array([3.1, 0.0])[:, None, None], (1, elements, len(fractions)))
-
-    first = np.array([0.05, 0.0])
-    flows = integrate_flows(rates, planned, np.array([3.0, 6.0]), np.linspace(0.0, 1.0, 5), 1e-9, first)
-    assert flows is not None
-    assert flows.whole is not None
+@pytest.mark.parametrize("through_algebraic", [False, True])
+def test_an_unstable_motion_is_followed_far_from_its_plan(through_algebraic: bool) -> None:
+    """A pendulum let go near the top, in a plan that is near the bottom: it turns over and over."""
+    _, b = one_phase(duration=8.0, elements=80)
+    b.angle, b.rate = rcp.State(initial_guess=3.1), rcp.State(initial_guess=0.0)
+    b.pull = rcp.Algebraic(initial_guess=0.0)
+    b.ode(lambda b, t: {b.angle: b.rate[t], b.rate: b.pull[t] if through_algebraic else 9.81 * pyo.sin(b.angle[t])})
+    b.residual(lambda b, t: b.pull[t] == 9.81 * pyo.sin(b.angle[t]))
+    first = {"angle": 0.05, "rate": 0.0}
+    found = b.reintegrate(initial=first).open_loop
     exact = solve_ivp(
-        lambda t, y: [y[1], 9.81 * np.sin(y[0])], (0, width * elements), first, rtol=1e-12, atol=1e-12,
-        t_eval=width * np.arange(1, elements + 1),
+        lambda t, y: [y[1], 9.81 * np.sin(y[0])], (0, 8.0), [*first.values()], rtol=1e-12, atol=1e-12,
+        t_eval=b.grid.mesh.boundaries[1:],
     )  # fmt: skip
     assert abs(exact.y[0]).max() > np.pi
-    np.testing.assert_allclose(flows.whole[:, -1, :], exact.y.T, atol=1e-3)
+    np.testing.assert_allclose([found["angle"][:, -1], found["rate"][:, -1]], exact.y, atol=1e-3)
 
 
 def test_an_integrand_may_read_the_model_otherwise_than_through_its_first_argument() -> None:
