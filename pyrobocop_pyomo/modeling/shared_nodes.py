@@ -13,8 +13,6 @@ from typing import Any
 
 from pyomo.core.expr.numvalue import native_types, value
 
-from .rows_by_rule import follows_rule
-
 
 def variables_in(expression: Any, leaves: Collection[int] = (), include_fixed: bool = True) -> Iterator[Any]:
     """Each variable of an expression once, in the order in which a walk from left to right meets them.
@@ -31,13 +29,10 @@ def variables_in(expression: Any, leaves: Collection[int] = (), include_fixed: b
         return bool(node.is_variable_type() and (include_fixed or not node.fixed))
 
     def is_wanted(node: Any) -> bool:
-        return follows_rule(node) or not node.is_expression_type() or id(node) in leaves
+        return not node.is_expression_type() or id(node) in leaves
 
     for node in topmost_nodes((expression,), is_wanted):
-        if follows_rule(node):
-            of_sum = {id(each): each for listed in node.repeated().variables for each in listed}
-            yield from filter(is_variable, of_sum.values())
-        elif node.is_expression_type() or is_variable(node):
+        if node.is_expression_type() or is_variable(node):
             yield node
 
 

@@ -119,15 +119,16 @@ def element_width(record: PhaseRecord, element: int, duration: Any, boundary: An
     return duration * width if record.normalised else with_units(record, width)
 
 
-def quadrature_weights(record: PhaseRecord, duration: Any, boundary: Any) -> tuple[Any, dict[float, Any]]:
+def quadrature_weights(block: Any) -> tuple[Any, dict[float, Any]]:
     """A common factor, and the weight of each collocation point, of an integral over real time."""
+    record: PhaseRecord = block.record
     grid = record.grid
-    scale = duration if record.normalised else with_units(record, 1.0)
+    scale = block.duration if record.normalised else with_units(record, 1.0)
     if not record.free_widths:
         return scale, grid.quadrature_weights
     weights: dict[float, Any] = {}
     for i, times in enumerate(grid.stage_times):
-        width = boundary[i + 1] - boundary[i]
+        width = block.boundary[i + 1] - block.boundary[i]
         for time, factor in zip(times, grid.scheme.b.tolist(), strict=True):
             weights[time] = weights[time] + factor * width if time in weights else factor * width
     return scale, weights
