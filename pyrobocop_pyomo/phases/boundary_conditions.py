@@ -83,7 +83,6 @@ def end_violations(
     statements = [statement for statement in statements if statement.kind in KINDS]
     if not statements:
         return
-    formulas.set_bounds(time)
     for name, variable in formulas.at_instant.items():
         if name in values:
             variable.fix(values[name], skip_validation=True)

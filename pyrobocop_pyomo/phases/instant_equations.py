@@ -83,7 +83,6 @@ class InstantEquations:
         self.rates = [rates[name] if name in rates else slopes[f"d {name}"] for name in names]
         read = self._reads(self.rates)
         self.statements = record.statements_of("ode")
-        formulas.set_bounds(record.grid.times[0])  # a side may be a variable's own bound
         if unknown is None:
             found = [each for statement, labels in self._stated() for each in self._equations_of(statement, labels)]
             found.sort(key=lambda equation: equation.pair is not None)
@@ -157,8 +156,7 @@ class InstantEquations:
         stated = [of for of in record.statements_of("complementarity") if of.name in active]
         found = [each for statement in stated for each in self._equations_of(statement)]
         count = sum(each.pair is not None for each in found)
-        bounds_move = any(callable(of.bounds) for of in record.declarations.values())
-        if on_model and (bounds_move or len(on_model) != count * len(record.grid.points)):
+        if on_model and len(on_model) != count * len(record.grid.points):
             raise TrajectoryError("pairs do not hold at all points by one rule")
         return found
 

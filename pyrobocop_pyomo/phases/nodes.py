@@ -79,11 +79,6 @@ class Nodes:
         """Index set of the component."""
         return block.points
 
-    @property
-    def bounded_times(self) -> Sequence[Sequence[float]]:
-        """Where each value has to respect bounds."""
-        return [(time,) for time in self.times]
-
     def variables(self, block: Any) -> list[Any]:
         """The variables, in the order of `times`."""
         component, indices = block.component(self.component), self.indices
@@ -224,12 +219,6 @@ class IntervalNodes(_PiecewiseNodes):
     def sample_times(self) -> tuple[float, ...]:
         """The middle of each element."""
         return _middles(self.grid.mesh.boundaries)
-
-    @property
-    def bounded_times(self) -> Sequence[Sequence[float]]:
-        """The collocation points of each interval."""
-        points = np.array(self.grid.points)
-        return [points[self.of_points == i].tolist() for i in range(len(self.times))]
 
     def from_samples(self, samples: Array) -> Array:
         """The mean over the elements of each interval, weighted by their widths."""

@@ -28,7 +28,7 @@ from pyrobocop_pyomo.trajectories import Trajectory
 from pyrobocop_pyomo.transcription import InitialGuess
 
 from .coupled_phases import put_on_model
-from .declarations import Bounds, Control, Declaration, Duration, Law
+from .declarations import Bounds, BoundsOverTime, Control, Declaration, Duration, FunctionOfTime, Law, Parameter
 from .equations import RUN_AGAIN, add_derivative, add_statement, name_of_rows
 from .families import OneOf, component_declarations, family_names, name_of
 from .horizon import add_horizon, checked_duration, make_mesh, real_time
@@ -39,7 +39,7 @@ from .record import AT_BOUNDARIES, PhaseRecord, Statement
 from .reintegration import Reintegration, reintegrate
 from .remeshing import remesh_phases
 from .simulation import SimulationOptions, simulate
-from .stated_numbers import in_numbers, with_functions_of_time
+from .stated_numbers import in_numbers
 from .structure import check_phase
 from .variables import add_variables, control_rate
 from .verification import Verification, verify
@@ -129,9 +129,7 @@ class PhaseBlockData(BuiltBlockData):
         if isinstance(declaration, Law):
             declaration.state(self, name)
         elif declaration.index is None:
-            declaration = with_functions_of_time(self, in_numbers(declaration, what), what)
-            add_variables(self, name, declaration)
-            record.declarations[name] = declaration
+            self._declare_one(name, in_numbers(declaration, what), what)
         else:
             names = family_names(name, declaration, what)
             for member, of_component in component_declarations(names, declaration, what):
@@ -139,6 +137,19 @@ class PhaseBlockData(BuiltBlockData):
             record.families[name] = names
             if isinstance(declaration, Control) and declaration.one_of:
                 self.constraint(OneOf(name), name=f"{name}_one_of")
+
+    def _declare_one(self, name: str, declaration: Declaration, what: str) -> None:
+        limits, history = declaration.bounds, getattr(declaration, "history", None)
+        if callable(history):
+            declaration = replace(declaration, history=FunctionOfTime(history))  # type: ignore[call-arg]
+        if callable(limits) and not isinstance(declaration, Parameter):
+            for time in () if self.record.normalised else self.points:
+                declaration.bounds_at(time, what)
+            declaration = replace(declaration, bounds=None)
+        add_variables(self, name, declaration)
+        self.record.declarations[name] = declaration
+        if callable(limits) and not isinstance(declaration, Parameter):
+            self.constraint(BoundsOverTime(name, limits), name=f"{name}_bounds")
 
     def __getattr__(self, name: str) -> Any:
         record = self.__dict__.get("_record")

@@ -9,7 +9,7 @@ by the polynomial of the element, controls by theirs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -130,10 +130,6 @@ def free_element_widths(phases: Iterable[Any], factors: Bounds) -> None:
     if not grids:
         return
     reason = _reason(grids)
-    for phase in grids:
-        moving = [name for name, of in phase.record.declarations.items() if callable(getattr(of, "bounds", None))]
-        if moving:
-            reason = f"phase '{phase.name}': the bounds of '{moving[0]}' are given by the times of its points."
     if reason is not None:
         raise ModelError(reason)
     for phase in grids:
@@ -447,7 +443,7 @@ class PhaseOnGrid:
                 put_part(standing, index, before[index])
         return standing
 
-    def keep(self, name: str, nodes: Nodes, declared: Callable[[Nodes], Sequence[Bounds]]) -> None:
+    def keep(self, name: str, nodes: Nodes, declared: Bounds) -> None:
         """Let variables at times that stay be what they were; give the others bounds and domains.
 
         Parameters
@@ -455,12 +451,12 @@ class PhaseOnGrid:
         name : str
         nodes : Nodes
             Those that it has now.
-        declared : callable
-            The bounds that were declared for the values at some nodes.
+        declared : (lower, upper)
+            The bounds that were declared for all values.
         """
         before, variables = self._before.nodes[name], self._before.variables[name]
         component, position = self._block.component(nodes.component), _retained(before, nodes)
-        pattern = self._set_for_all(name, declared(before), position, nodes)
+        pattern = self._set_for_all(name, declared, position, nodes)
         for number, index in enumerate(component.keys()):
             if number in position:
                 put_part(component, index, variables[position[number]])
@@ -499,9 +495,7 @@ class PhaseOnGrid:
                 if id(variable) not in kept:
                     variable.set_value(within(number, variable.bounds), skip_validation=True)
 
-    def _set_for_all(
-        self, name: str, declared: Sequence[Bounds], position: Mapping[int, int], nodes: Nodes
-    ) -> Any | None:
+    def _set_for_all(self, name: str, declared: Bounds, position: Mapping[int, int], nodes: Nodes) -> Any | None:
         """One of the variables, if the user has set bounds of all alike or fixed all; None if they are as declared.
 
         The ends of a state are another matter: they have initial and final values.
@@ -515,7 +509,7 @@ class PhaseOnGrid:
         marks = [(_bounds_of(variable), bool(variable.fixed)) for variable in variables]
         is_state = isinstance(before, StateNodes)
         between = range(1, len(marks) - 1) if is_state else range(len(marks))
-        set_by_user = [i for i in between if marks[i] != (declared[i], False)]
+        set_by_user = [i for i in between if marks[i] != (declared, False)]
         fewest = 2 if is_state else 1  # one state between the ends is a waypoint
         if len(set_by_user) == len(between) >= fewest and len({marks[i] for i in between}) == 1:
             return variables[between[0]]

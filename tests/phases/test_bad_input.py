@@ -46,10 +46,6 @@ DECLARATIONS = {
     "bounds hold nan": (rcp.Algebraic(bounds=(NAN, 1)), "hold a NaN. Give numbers"),
     "bounds exclude all": (rcp.Control(bounds=(INF, None)), "exclude every number"),
     "bounds cross in time": (rcp.Control(bounds=lambda t: (t, 0.5)), "exceeds the upper, 0.5"),
-    "piecewise constant bounds cross": (
-        rcp.Control(bounds=lambda t: (10 * t, 10 * t + 0.1), parametrization="piecewise_constant"),
-        "lower of its bounds between",
-    ),
     "guess of a control too long": (rcp.Control(initial_guess=[0.0] * 7), "has 7 values; 3 elements need 3 or 6"),
     "guess holds nan": (rcp.Control(initial_guess=[0, NAN, 0]), "value 1 of the initial guess is nan"),
     "guess is a matrix": (rcp.Control(initial_guess=np.zeros((2, 3))), r"has shape \(2, 3\)"),

@@ -242,7 +242,7 @@ def test_pyomo_explains_an_infeasible_phase_by_name() -> None:
 
 
 def state_oscillators(b: Any, *index: Any) -> None:
-    b.x = rcp.State(initial=1, initial_guess=ramp, bounds=wide)
+    b.x = rcp.State(initial=1, initial_guess=ramp, bounds=(-100, 100))
     b.y = rcp.State(initial=1, initial_guess=1)
     b.push = rcp.Control(parametrization="piecewise_constant")
     b.push_per_element.fix(0)
@@ -251,10 +251,6 @@ def state_oscillators(b: Any, *index: Any) -> None:
 
 def ramp(t: float) -> float:
     return 1 + t
-
-
-def wide(t: float) -> tuple[float, float]:
-    return (-100, 100)
 
 
 def pushed(b: Any, t: float) -> Any:
