@@ -21,7 +21,7 @@ from pyrobocop_pyomo.modeling.rows_by_rule import add_rows_by_rule
 from pyrobocop_pyomo.modeling.rule_results import expressions_returned
 from pyrobocop_pyomo.modeling.rule_slips import slips_explained
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
-from pyrobocop_pyomo.transcription import can_step, step_rows
+from pyrobocop_pyomo.transcription import can_step
 
 from .declarations import Algebraic, State, check_bounds
 from .families import equations_by_component
@@ -48,7 +48,7 @@ def _add_ode(block: Any, statement: Statement) -> None:
     ode = Ode(block, statement, given)
     for name in _states_given(block, statement, given):
         declaration: Any = record.declarations[name]
-        record.odes[name], rates = ode, Rates(block, name)
+        rates = Rates(ode, name)
         if declaration.derivative_bounds is None and name not in record.kept_derivatives:
             record.rates[name] = rates
             _add_collocation(block, name, rates, is_read_later)
@@ -69,12 +69,12 @@ def _add_step(block: Any, statement: Statement) -> None:
             "stages, or one inside the element. State it on a phase with scheme='implicit_euler' (or explicit Euler)."
         )
     states = {name: block.component(name) for name in record.names_of_states}
-    given = {}
+    given, ends = {}, {}
     for nodes, (stage,) in zip(grid.node_times, grid.stage_times, strict=True):
+        ends[stage] = nodes[-1]
         starting = {name: state[nodes[0]] for name, state in states.items()}
         given[stage] = _given_for_states(block, statement, stage, PreviousStates(what, starting, record.families))
     for state in _states_given(block, statement, given):
-        following = {time: values[state] for time, values in given.items()}
         declaration = record.declarations[state]
         assert isinstance(declaration, State)
         if declaration.derivative_bounds is not None or state in record.kept_derivatives:
@@ -83,7 +83,8 @@ def _add_step(block: Any, statement: Statement) -> None:
                 "is in use. What a step leads has none: remove derivative_bounds and phase.derivative(), or state an "
                 "ode."
             )
-        add_generated_rows(block, f"{state}_step", block.points, step_rows(states[state], following, grid))
+        rows = ((time, (states[state][ends[time]] - values[state], 0)) for time, values in given.items())
+        add_generated_rows(block, f"{state}_step", block.points, rows)
         record.equation_of[state] = statement.name
         record.discrete_states.add(state)
 

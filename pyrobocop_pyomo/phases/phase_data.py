@@ -304,8 +304,6 @@ class PhaseBlockData(BuiltBlockData):
             )
         if name in self.record.kept_derivatives:
             return self.component(f"{name}_derivative")
-        if self.record.restating is not None:
-            raise ModelError(f"{self._what}: the derivative of '{name}' is used before its equation.")
         with self._all_or_nothing():
             return add_derivative(self, name)
 
@@ -636,13 +634,13 @@ class PhaseBlockData(BuiltBlockData):
             grid,
             duration,
             normalised,
-            free_widths=free_element_widths is not None,
+            width_factors=free_element_widths,
             allow_higher_index=bool(allow_higher_index),
             time_units=time_units,
         )
         self.time = Set(initialize=list(grid.times), ordered=True, doc="element boundaries and collocation points")
         self.points = Set(initialize=list(grid.points), ordered=True, doc="collocation points")
-        add_horizon(self, float(start) if isinstance(start, Real) else start, free_element_widths)
+        add_horizon(self, float(start) if isinstance(start, Real) else start)
         if duration is not stated:
             self.duration_as_stated = Constraint(expr=self.duration == stated)
 

@@ -133,8 +133,7 @@ def free_element_widths(phases: Iterable[Any], factors: Bounds) -> None:
     if reason is not None:
         raise ModelError(reason)
     for phase in grids:
-        phase.record.normalised = phase.record.free_widths = True
-        phase.record.width_factors = factors
+        phase.record.normalised, phase.record.width_factors = True, factors
     _restate(grids)
 
 
@@ -383,13 +382,12 @@ class PhaseOnGrid:
         block, record = self._block, self._record
         record.grid, record.restating = self._grid, self
         record.equation_of, record.discrete_states, record.generated_rows = {}, set(), set()
-        record.rates, record.odes, record.control_rates, record.residuals_per_point = {}, {}, {}, 0
+        record.rates, record.control_rates, record.residuals_per_point = {}, {}, 0
         for members_of, members in ((block.time, self._grid.times), (block.points, self._grid.points)):
             members_of.clear()
             members_of.update(members)
         if record.free_widths:
-            assert record.width_factors is not None
-            add_boundaries(block, record.width_factors, f"phase '{block.name}'")
+            add_boundaries(block, f"phase '{block.name}'")
         for name, declaration in record.declarations.items():
             # An initial guess may be an array over the mesh that the phase had.
             add_variables(block, name, replace(declaration, initial_guess=None))
