@@ -22,9 +22,8 @@ from pyrobocop_pyomo.modeling.pickling import picklable_or_none
 from pyrobocop_pyomo.modeling.rule_slips import number_at
 from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.templates.template import Template
-from pyrobocop_pyomo.transcription import InitialGuess
 
-from .nodes import IntervalNodes, KnotNodes, Nodes, StageNodes, StateNodes, knots_on_mesh
+from .nodes import InitialGuess, IntervalNodes, KnotNodes, Nodes, StageNodes, StateNodes, knots_on_mesh
 
 Bounds = tuple[Union[float, None], Union[float, None]]  # noqa: UP007
 BoundsInTime = Union[Bounds, Callable[[float], Bounds]]  # noqa: UP007

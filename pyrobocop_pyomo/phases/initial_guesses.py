@@ -14,11 +14,11 @@ import numpy as np
 from pyrobocop_pyomo.errors import InitialGuessError
 from pyrobocop_pyomo.numerics import differentiation_matrix
 from pyrobocop_pyomo.trajectories import Trajectory
-from pyrobocop_pyomo.transcription import InitialGuess, initial_number
 
 from .declarations import Parameter, State, within
 from .families import guesses_by_component, name_of
 from .horizon import horizon_fraction, real_grid
+from .nodes import InitialGuess, initial_number
 from .phase_values import PhaseValues, read_values
 from .record import PhaseRecord
 

@@ -25,15 +25,25 @@ from pyrobocop_pyomo.numerics import Grid, Scheme, find_scheme
 from pyrobocop_pyomo.templates.slots import Clock, Derivative, RateOf
 from pyrobocop_pyomo.templates.template import OverTime, Reading, Template, TimeTemplate, is_asked_for_all_times
 from pyrobocop_pyomo.trajectories import Trajectory
-from pyrobocop_pyomo.transcription import InitialGuess
 
 from .coupled_phases import put_on_model
-from .declarations import Bounds, BoundsOverTime, Control, Declaration, Duration, FunctionOfTime, Law, Parameter
+from .declarations import (
+    UNBOUNDED,
+    Bounds,
+    BoundsOverTime,
+    Control,
+    Declaration,
+    Duration,
+    FunctionOfTime,
+    Law,
+    Parameter,
+)
 from .equations import RUN_AGAIN, add_derivative, add_statement, name_of_rows
 from .families import OneOf, component_declarations, family_names, name_of
 from .horizon import add_horizon, checked_duration, make_mesh, real_time
 from .initial_guesses import set_guesses, set_straight_lines, set_trajectory
 from .integrals import named_integral
+from .nodes import InitialGuess
 from .phase_values import PhaseValues, expression_values, expressions_over_time
 from .record import AT_BOUNDARIES, PhaseRecord, Statement
 from .reintegration import Reintegration, reintegrate
@@ -145,7 +155,7 @@ class PhaseBlockData(BuiltBlockData):
         if callable(limits) and not isinstance(declaration, Parameter):
             for time in () if self.record.normalised else self.points:
                 declaration.bounds_at(time, what)
-            declaration = replace(declaration, bounds=None)
+            declaration = replace(declaration, bounds=UNBOUNDED)
         add_variables(self, name, declaration)
         self.record.declarations[name] = declaration
         if callable(limits) and not isinstance(declaration, Parameter):

@@ -19,12 +19,12 @@ from pyomo.core.expr.numvalue import NumericValue, native_numeric_types
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.bulk_parts import new_row
 from pyrobocop_pyomo.numerics import Grid
-from pyrobocop_pyomo.transcription import continuity_rows, initial_number
+from pyrobocop_pyomo.transcription import continuity_rows
 
 from .declarations import Bounds, Control, Declaration, Parameter, State, check_bounds, within
 from .delays import value_at
 from .horizon import real_time
-from .nodes import IntervalNodes, KnotNodes, Nodes
+from .nodes import IntervalNodes, KnotNodes, Nodes, initial_number
 from .record import PhaseRecord, add_generated, place
 from .signal_vars import SignalExpression, SignalVar, signal_reference
 from .stated_numbers import add_row_of_end
