@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Set
+from itertools import chain
 from typing import Any
 
 from pyomo.core.expr.numvalue import native_types, value
@@ -62,6 +63,22 @@ def variables_in_any(expressions: Iterable[Any], leaves: Set[int] = frozenset())
     """Each variable that one of many expressions holds, by its id; `leaves` are as in `variables_in`."""
     found = topmost_nodes(expressions, lambda node: not node.is_expression_type() or id(node) in leaves)
     return {id(node): node for node in found if node.is_expression_type() or node.is_variable_type()}
+
+
+def expressions_returned(result: Any) -> Iterator[Any]:
+    """Expressions and relations in whatever a rule returned: also pairs, in lists, tuples and mappings."""
+    if isinstance(result, Mapping):
+        result = list(result.values())
+    if isinstance(result, (list, tuple)):
+        for each in result:
+            yield from expressions_returned(each)
+    elif hasattr(result, "is_expression_type"):
+        yield result
+
+
+def variables_read(result: Any) -> list[Any]:
+    """Variables in whatever a rule returned, those of one expression after those of the one before."""
+    return list(chain.from_iterable(map(variables_in, expressions_returned(result))))
 
 
 class NodesOnce(ABC):

@@ -17,7 +17,7 @@ from pyomo.repn import generate_standard_repn
 from pyrobocop_pyomo.complementarity import CanonicalForm, SidePart
 from pyrobocop_pyomo.errors import PyRobocopError
 from pyrobocop_pyomo.modeling.row_violations import bound_violation, number_or_nan, relation_violation
-from pyrobocop_pyomo.modeling.rule_results import variables_read
+from pyrobocop_pyomo.modeling.shared_nodes import variables_read
 
 from .declarations import Algebraic, Parameter
 from .record import Statement

@@ -38,11 +38,10 @@ from .declarations import (
     Law,
     Parameter,
 )
-from .equations import RUN_AGAIN, add_derivative, add_statement, name_of_rows
+from .equations import RUN_AGAIN, add_derivative, add_statement, name_of_rows, named_integral
 from .families import OneOf, component_declarations, family_names, name_of
 from .horizon import add_horizon, checked_duration, make_mesh, real_time
 from .initial_guesses import set_guesses, set_straight_lines, set_trajectory
-from .integrals import named_integral
 from .nodes import InitialGuess
 from .phase_values import PhaseValues, expression_values, expressions_over_time
 from .record import AT_BOUNDARIES, PhaseRecord, Statement

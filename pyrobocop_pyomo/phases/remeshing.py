@@ -36,9 +36,8 @@ from pyrobocop_pyomo.trajectories import Trajectory
 from .asked_by_point import asked_by_point
 from .declarations import Bounds, Control, within
 from .delays import restate_values_at_times
-from .equations import add_derivative, add_statement
+from .equations import add_derivative, add_statement, restate_integrals
 from .horizon import add_boundaries, make_mesh
-from .integrals import restate_integrals
 from .nodes import IntervalNodes, KnotNodes, Nodes, StateNodes
 from .phase_values import PhaseValues
 from .record import PhaseRecord

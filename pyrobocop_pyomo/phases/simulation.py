@@ -20,7 +20,7 @@ import numpy as np
 from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.errors import InitialGuessError, PyRobocopError, SimulationFailed, TrajectoryError
-from pyrobocop_pyomo.modeling.rule_results import variables_read
+from pyrobocop_pyomo.modeling.shared_nodes import variables_read
 from pyrobocop_pyomo.modeling.variable_values import put_values, values_restored
 from pyrobocop_pyomo.numerics import Array, Grid, Mesh
 from pyrobocop_pyomo.trajectories import Trajectory
