@@ -9,7 +9,7 @@ from typing import Any
 
 from pyrobocop_pyomo.geometry import Pose, signed_distance
 from pyrobocop_pyomo.obstacles import animate_avoidance, draw_avoidance
-from pyrobocop_pyomo.phases.waypoint_initial_guess import waypoint_initial_guess
+from pyrobocop_pyomo.phases.initial_guesses import waypoint_initial_guess
 from pyrobocop_pyomo.plotting import BodyPath, animate_scene, draw_scene
 
 # Names of `contrib`, whose folders are loaded at their first use.

@@ -21,8 +21,7 @@ from pyomo.dae import DerivativeVar, Integral
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.failures import failures_as
-from pyrobocop_pyomo.modeling.rule_results import variables_read
-from pyrobocop_pyomo.modeling.shared_nodes import variables_in, variables_in_any
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in, variables_in_any, variables_read
 
 from .structure import Spot, axis_on
 

@@ -22,7 +22,7 @@ from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES, active_sources
 from pyrobocop_pyomo.errors import ComplementarityError, ModelError
 from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES
 from pyrobocop_pyomo.modeling.foreign_variables import ONE_MODEL, foreign_read, foreign_variable
-from pyrobocop_pyomo.modeling.rows_by_rule import as_read, follows_rule
+from pyrobocop_pyomo.modeling.rows_by_rule import as_read
 from pyrobocop_pyomo.modeling.shared_nodes import topmost_nodes, variables_in, variables_in_any
 from pyrobocop_pyomo.phases import Control, phases_of
 from pyrobocop_pyomo.phases.declarations import Declaration
@@ -284,13 +284,9 @@ def _absolute_value(expression: Any) -> Any:
     """The argument of the first absolute value whose argument may be zero; None where there is none."""
 
     def is_wanted(node: Any) -> bool:
-        return follows_rule(node) or is_smooth_product(node) or has_kink(node)
+        return is_smooth_product(node) or has_kink(node)
 
     for node in topmost_nodes((expression,), is_wanted):
-        argument = node.arg(0) if has_kink(node) else None
-        if follows_rule(node):  # the last summand stands for all
-            repeated = node.repeated()
-            argument = _absolute_value(repeated.expression(len(repeated.rows) - 1))
-        if argument is not None:
-            return argument
+        if has_kink(node):
+            return node.arg(0)
     return None

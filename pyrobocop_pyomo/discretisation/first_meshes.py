@@ -21,7 +21,6 @@ from pyrobocop_pyomo.numerics.mesh import mesh_with
 from pyrobocop_pyomo.numerics.rounding import ROUNDING
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.phases.bounds_between_points import changing_places, stated_formulas
-from pyrobocop_pyomo.phases.declarations import FunctionOfTime
 from pyrobocop_pyomo.phases.horizon import real_grid
 from pyrobocop_pyomo.phases.remeshing import remesh_phases, why_its_mesh_is_stated
 from pyrobocop_pyomo.phases.rule_formulas import RuleFormulas
@@ -83,8 +82,6 @@ def _jumps_stated(phase: Any) -> list[float]:
     jumps: set[float] = set()
 
     stated = [of for rule in record.rules for of in stated_formulas(formulas, rule)]
-    bounds = [of.bounds for of in record.declarations.values() if isinstance(of.bounds, FunctionOfTime)]
-    stated += [side for of in bounds if not of.is_asked_by_point for side in of(index) if side is not None]
     steps, of_time = ExpressionSteps(stated), {id(index), id(clock)}
     reads_others = steps.depends_on(lambda leaf: leaf.node.is_variable_type() and id(leaf.node) not in of_time)
     for place in changing_places(steps, of_time):

@@ -160,6 +160,6 @@ def _room(phase: Any, name: str, grid: Grid) -> tuple[Array, Array]:
         pairs = [(of.value, of.value) if of.fixed else (of.lb, of.ub) for of in nodes.variables(phase)]
         lower, upper = np.transpose([in_infinities(pair) for pair in pairs])
     else:
-        sides = phase.record.declarations[name].bounds_over(grid.points, name)
+        sides = in_infinities(phase.record.declarations[name].bounds_at(0.0, name))
         lower, upper = (np.broadcast_to(side, len(grid.points)) for side in sides)
     return lower[grid.stage_positions], upper[grid.stage_positions]

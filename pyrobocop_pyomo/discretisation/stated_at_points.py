@@ -20,7 +20,7 @@ from pyrobocop_pyomo.continuous.record import open_sets
 from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
 from pyrobocop_pyomo.modeling.shared_nodes import NodeReplacement, variables_in_any
 from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
-from pyrobocop_pyomo.phases.integrals import INTEGRALS
+from pyrobocop_pyomo.phases.equations import INTEGRALS
 
 from .estimates import ZERO_OBJECTIVE
 from .phase_multipliers import RowMultipliers

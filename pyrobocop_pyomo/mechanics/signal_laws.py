@@ -23,7 +23,7 @@ from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_entry
 from pyrobocop_pyomo.phases import Algebraic, Law
 from pyrobocop_pyomo.phases.declarations import Bounds
-from pyrobocop_pyomo.transcription import InitialGuess
+from pyrobocop_pyomo.phases.nodes import InitialGuess
 
 Rule = Callable[[Any, float], Any]
 Quantity = Union[float, Rule]  # noqa: UP007

@@ -49,10 +49,6 @@ class Function:
         How many, or their names; a call then returns a list. By default one, which a call returns by itself.
     name : str, optional
         For expressions that are printed and for messages; by default that of `value`.
-    units : unit, or sequence of units, optional
-        Of the output or the outputs, for `assert_units_consistent`. By default none.
-    input_units : sequence of units, optional
-        That arguments have to have. By default none.
     check_derivatives : bool
         Whether derivatives are compared with differences once, when a model is first solved.
 
@@ -95,8 +91,6 @@ class Function:
         inputs: int | Sequence[str] | None = None,
         outputs: int | Sequence[str] | None = None,
         name: str | None = None,
-        units: Any = None,
-        input_units: Sequence[Any] | None = None,
         check_derivatives: bool = True,
     ) -> None:
         own_name = getattr(value, "__name__", type(value).__name__)
@@ -109,17 +103,9 @@ class Function:
         count, self._output_names = _count_and_names(outputs, self.name, "outputs")
         self.output_count = 1 if count is None else count
         self._single = outputs is None
-        units_of = [units] if self._single else [None] * self.output_count if units is None else list(units)
-        self._check_entries("units", units_of, self.output_count)
-        self._check_entries("input_units", input_units, self._input_count)
-        self.input_units = None if input_units is None else list(input_units)
-        self._outputs = [FunctionOutput(self, i, unit) for i, unit in enumerate(units_of)]
+        self._outputs = [FunctionOutput(self, i) for i in range(self.output_count)]
         self._unchecked = check_derivatives
         self._last: tuple[tuple[float, ...], FloatArray] | None = None
-
-    def _check_entries(self, label: str, entries: Sequence[Any] | None, count: int | None) -> None:
-        if entries is not None and count is not None and len(entries) != count:
-            raise FunctionError(f"'{self.name}': {label} has {len(entries)} entries for {count}.")
 
     @property
     def has_hessian(self) -> bool:
@@ -345,13 +331,12 @@ class FunctionOutput:
     ----------
     function : Function
     index : int
-    units : unit or None
     """
 
-    __slots__ = ("function", "index", "units")
+    __slots__ = ("function", "index")
 
-    def __init__(self, function: Function, index: int, units: Any) -> None:
-        self.function, self.index, self.units = function, index, units
+    def __init__(self, function: Function, index: int) -> None:
+        self.function, self.index = function, index
 
     def __deepcopy__(self, memo: dict[int, Any]) -> FunctionOutput:
         return self
@@ -365,13 +350,10 @@ class FunctionOutput:
         """`name`, as Pyomo asks for it."""
         return self.name
 
-    def get_units(self) -> Any:
-        """Units of the output."""
-        return self.units
+    def get_units(self) -> None:
+        """Units of the output: numbers have none."""
 
-    def get_arg_units(self) -> Any:
-        """Units that the arguments have to have."""
-        return self.function.input_units
+    get_arg_units = get_units
 
     def evaluate(self, arguments: Iterable[Any]) -> float:
         """Value at one point."""

@@ -18,7 +18,7 @@ from pyomo.core.base.suffix import Suffix
 
 from .activity import BLOCK_TYPES
 from .blocks import snapshot_of
-from .rows_by_rule import as_read, follows_rule, let_follow_rule
+from .rows_by_rule import RowByRule, as_read
 
 # What a component keeps when it is stated anew.
 _PLACE = ("_parent", "_name", "_ctype", "doc")
@@ -42,8 +42,8 @@ class Content:
         self.parts: dict[Any, Any] = dict(data) if type(data) is dict else {}
         named = self.parts if component.ctype is Expression else {}
         # All other parts are replaced by new ones.
-        self._stated = {index: None if follows_rule(part) else part.expr for index, part in named.items()}
-        self.by_rule = {index for index, part in self.parts.items() if follows_rule(part)}
+        self._stated = {index: part.expr for index, part in named.items()}
+        self.by_rule = {index for index, part in self.parts.items() if part.__class__ is RowByRule}
         self._members = list(component) if component.ctype is Set else None
 
     def put_back(self) -> None:
@@ -56,9 +56,7 @@ class Content:
             component.update(self._members)
             return
         for index, part in self.parts.items() if component.is_indexed() else ():
-            if component.ctype is Expression and index in self.by_rule:
-                let_follow_rule(part)
-            elif component.ctype is Expression:
+            if component.ctype is Expression:
                 part.set_value(self._stated[index])
             if hasattr(part, "_component") and not component.is_reference():
                 part._component, part._index = weakref.ref(component), index
@@ -68,7 +66,7 @@ class Content:
     def expressions(self) -> dict[Any, list[Any]]:
         """The expressions that the parts held, by index, but for those that follow a rule."""
         if self._stated:
-            return {index: [held] for index, held in self._stated.items() if held is not None}
+            return {index: [held] for index, held in self._stated.items()}
         read = {index: part for index, part in self.parts.items() if index not in self.by_rule}
         return {index: held for index, part in read.items() if (held := expressions_of(part))}
 

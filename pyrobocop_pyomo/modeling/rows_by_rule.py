@@ -1,4 +1,4 @@
-"""Rows and sums that are what the rule of their component says: each is made when somebody reads it.
+"""Rows that are what the rule of their component says: each is made when somebody reads it.
 
 A row that nobody reads costs less than a tenth of one that is stated, and whoever needs many rows, as a program that is
 compiled, asks the rule for all of them at once: the same sum, over and over, in other variables. A row that is set to
@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 from pyomo.core.base.constraint import ConstraintData
-from pyomo.core.base.expression import ExpressionData
 from pyomo.core.expr.numvalue import value
 
 from .bulk_parts import put_part
@@ -65,11 +64,11 @@ class RowByRule(ConstraintData):
     def made(self) -> ConstraintData:
         """An ordinary row that says the same, which is not kept."""
         component = self.parent_component()
-        return ConstraintData(_rule_of(component)(component.parent_block(), self.index()), component)
+        return ConstraintData(component.rule_of_rows(component.parent_block(), self.index()), component)
 
     def bounds(self) -> tuple[Any, Any]:
         """What its body may be at least and at most, as the rule says it."""
-        found: tuple[Any, Any] = _rule_of(self.parent_component()).bounds(self.index())
+        found: tuple[Any, Any] = self.parent_component().rule_of_rows.bounds(self.index())
         return found
 
     @property
@@ -93,24 +92,12 @@ class RowByRule(ConstraintData):
 
 def add_rows_by_rule(component: Any, rule: RowRule, indices: Iterable[Any]) -> None:
     """Put rows into a component, which follow a rule."""
-    follow_rule(component, rule)
+    component.rule_of_rows = rule  # no rule in Pyomo's sense, by which a component makes parts that it has not
     reference = weakref.ref(component)
     for index in indices:
         row = RowByRule.__new__(RowByRule)
         row._component, row._active, row._expr = reference, True, None
         put_part(component, index, row)
-
-
-def follow_rule(component: Any, rule: Any) -> None:
-    """Let a component have the rule that some of its parts follow.
-
-    It is no rule in Pyomo's sense, by which a component makes parts that it has not.
-    """
-    component.rule_of_parts = rule
-
-
-def _rule_of(component: Any) -> Any:
-    return component.rule_of_parts
 
 
 def bounds_of(row: ConstraintData) -> tuple[float | None, float | None]:
@@ -130,70 +117,13 @@ def is_equality(row: ConstraintData) -> bool:
     return lower is not None and lower is upper
 
 
-class SumRule(ABC):
-    """What the members of a named expression say."""
-
-    @abstractmethod
-    def __call__(self, block: Any, index: Any) -> Any:
-        """The sum as an expression."""
-
-    @abstractmethod
-    def repeated(self, block: Any, index: Any) -> RepeatedSum:
-        """The same as the summands of one row, 0."""
-
-
-# Where every named expression has its content.
-_CONTENT: Any = ExpressionData._args_
-
-
-class SumByRule(ExpressionData):
-    """A member of a named expression that its component's rule says, made when it is read; ordinary when it is set."""
-
-    __slots__ = ()
-
-    @property
-    def _args_(self) -> tuple[Any]:
-        content: tuple[Any] = _CONTENT.__get__(self)
-        if content[0] is None:
-            content = (self.made(),)
-            _CONTENT.__set__(self, content)
-        return content
-
-    @_args_.setter
-    def _args_(self, content: tuple[Any]) -> None:
-        self.__class__ = ExpressionData
-        self._args_ = content
-
-    def made(self) -> Any:
-        """Its content, which it does not keep."""
-        return _rule_of(self.parent_component())(self.parent_block(), self.index())
-
-    def repeated(self) -> RepeatedSum:
-        """Its summands."""
-        found: RepeatedSum = _rule_of(self.parent_component()).repeated(self.parent_block(), self.index())
-        return found
-
-
-def let_follow_rule(member: Any) -> None:
-    """Let a member of a named expression be what its component's rule says."""
-    member.set_value(None)
-    member.__class__ = SumByRule
-
-
-def follows_rule(part: Any) -> bool:
-    """Whether something is a row or a sum that is what its component's rule says."""
-    return part.__class__ is RowByRule or part.__class__ is SumByRule
-
-
 def as_read(row: Any) -> Any:
     """A row or an objective to be read: of a row that follows a rule a twin, so that nothing is kept."""
     return row.made() if row.__class__ is RowByRule else row
 
 
 def content_of(part: Any) -> Any:
-    """The body of a row, or the content of a sum; of one that follows a rule nothing is kept."""
-    if part.__class__ is SumByRule:
-        return part.made()
+    """The body of a row, of which nothing is kept where it follows a rule; any other expression is itself."""
     return as_read(part).body if isinstance(part, ConstraintData) else part
 
 
@@ -207,15 +137,11 @@ def rows_by_component(parts: Sequence[Any]) -> list[list[int]]:
 
 
 def sums_of(parts: Sequence[Any]) -> list[RepeatedSum]:
-    """What several of them are the sums of, by their positions; parts that are no such rows or sums are left out."""
+    """What the rows among them that follow a rule are the sums of, by their positions."""
     found = []
-    for position, part in enumerate(parts):
-        if part.__class__ is SumByRule:
-            repeated = part.repeated()
-            found.append(repeated._replace(rows=[position] * len(repeated.rows)))
     for positions in rows_by_component(parts):
         component = parts[positions[0]].parent_component()
         indices = [parts[position].index() for position in positions]
-        for repeated in _rule_of(component).sums(component.parent_block(), indices):
+        for repeated in component.rule_of_rows.sums(component.parent_block(), indices):
             found.append(repeated._replace(rows=[positions[row] for row in repeated.rows]))
     return found

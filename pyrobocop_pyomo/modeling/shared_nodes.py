@@ -9,11 +9,10 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Set
+from itertools import chain
 from typing import Any
 
 from pyomo.core.expr.numvalue import native_types, value
-
-from .rows_by_rule import follows_rule
 
 
 def variables_in(expression: Any, leaves: Collection[int] = (), include_fixed: bool = True) -> Iterator[Any]:
@@ -31,13 +30,10 @@ def variables_in(expression: Any, leaves: Collection[int] = (), include_fixed: b
         return bool(node.is_variable_type() and (include_fixed or not node.fixed))
 
     def is_wanted(node: Any) -> bool:
-        return follows_rule(node) or not node.is_expression_type() or id(node) in leaves
+        return not node.is_expression_type() or id(node) in leaves
 
     for node in topmost_nodes((expression,), is_wanted):
-        if follows_rule(node):
-            of_sum = {id(each): each for listed in node.repeated().variables for each in listed}
-            yield from filter(is_variable, of_sum.values())
-        elif node.is_expression_type() or is_variable(node):
+        if node.is_expression_type() or is_variable(node):
             yield node
 
 
@@ -67,6 +63,22 @@ def variables_in_any(expressions: Iterable[Any], leaves: Set[int] = frozenset())
     """Each variable that one of many expressions holds, by its id; `leaves` are as in `variables_in`."""
     found = topmost_nodes(expressions, lambda node: not node.is_expression_type() or id(node) in leaves)
     return {id(node): node for node in found if node.is_expression_type() or node.is_variable_type()}
+
+
+def expressions_returned(result: Any) -> Iterator[Any]:
+    """Expressions and relations in whatever a rule returned: also pairs, in lists, tuples and mappings."""
+    if isinstance(result, Mapping):
+        result = list(result.values())
+    if isinstance(result, (list, tuple)):
+        for each in result:
+            yield from expressions_returned(each)
+    elif hasattr(result, "is_expression_type"):
+        yield result
+
+
+def variables_read(result: Any) -> list[Any]:
+    """Variables in whatever a rule returned, those of one expression after those of the one before."""
+    return list(chain.from_iterable(map(variables_in, expressions_returned(result))))
 
 
 class NodesOnce(ABC):

@@ -169,8 +169,6 @@ class Table(_Spline):
     inputs : sequence of str, optional
         Names of the inputs, for messages.
     name : str
-    units, input_units : unit and sequence of units, optional
-        As for `Function`.
 
     Attributes
     ----------
@@ -207,8 +205,6 @@ class Table(_Spline):
         outside: Outside = "error",
         inputs: Sequence[str] | None = None,
         name: str = "table",
-        units: Any = None,
-        input_units: Sequence[Any] | None = None,
     ) -> None:
         if len(grids_and_values) == 1:
             grids_and_values = _of_pandas(name, grids_and_values[0])
@@ -242,7 +238,7 @@ class Table(_Spline):
                 + (" Transpose them." if values.shape == shape[::-1] else "")
             )
         interpolant = _Interpolant(name, names, grids, values, kind, outside)
-        super().__init__(interpolant, (), name=name, units=units, input_units=input_units)
+        super().__init__(interpolant, (), name=name)
         self._derivatives: dict[int, _Spline] = {}
 
     def derivative(self, *arguments: Any, by: int | str | None = None) -> Any:
@@ -258,7 +254,6 @@ class Table(_Spline):
         Returns
         -------
         expression, number or array
-            In the units of the table over those of the input, where it has both.
 
         Raises
         ------
@@ -283,13 +278,10 @@ class Table(_Spline):
             )
         i = names.index(by) if isinstance(by, str) else int(by)  # type: ignore[arg-type]
         if i not in self._derivatives:
-            units, of_inputs = self._outputs[0].units, self.input_units
             self._derivatives[i] = _Spline(
                 self._interpolant,
                 (i,),
                 name=f"{self.name}.derivative" + (f"_by_{names[i].replace(' ', '_')}" if len(names) > 1 else ""),
-                units=None if units is None or of_inputs is None or of_inputs[i] is None else units / of_inputs[i],
-                input_units=of_inputs,
             )
         return self._derivatives[i](*arguments)
 

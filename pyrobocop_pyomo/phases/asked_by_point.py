@@ -17,7 +17,7 @@ from .record import Statement
 
 
 def asked_by_point(phase: Any) -> str | None:
-    """The first rule of a phase, or function for bounds, that is no template, in words; None where all are.
+    """The first rule of a phase, or function for a history, that is no template, in words; None where all are.
 
     Parameters
     ----------
@@ -28,10 +28,9 @@ def asked_by_point(phase: Any) -> str | None:
     if found is not None:
         return _in_words(phase, found)
     for name, declaration in record.declarations.items():
-        for word in ("bounds", "history"):
-            function = getattr(declaration, word, None)
-            if isinstance(function, FunctionOfTime) and function.is_asked_by_point:
-                return _of_function(phase, name, word)
+        function = getattr(declaration, "history", None)
+        if isinstance(function, FunctionOfTime) and function.is_asked_by_point:
+            return _of_history(phase, name)
     return None
 
 
@@ -68,13 +67,13 @@ def known_history(phase: Any, name: str, times: Sequence[float], slack: float) -
         return list(times)
     known = [said for time in times if (said := history.known_time(time, slack)) is not None]
     if len(known) < len(times):
-        raise TrajectoryError(_of_function(phase, name, "history"))
+        raise TrajectoryError(_of_history(phase, name))
     return known
 
 
-def _of_function(phase: Any, name: str, word: str) -> str:
+def _of_history(phase: Any, name: str) -> str:
     declared_at = phase.record.declarations[name].declared_at
-    return _reason(phase, f"the function for the {word} of '{name}' (declared at {declared_at})")
+    return _reason(phase, f"the function for the history of '{name}' (declared at {declared_at})")
 
 
 def _in_words(phase: Any, statement: Statement) -> str:

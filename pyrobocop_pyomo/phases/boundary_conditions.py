@@ -17,7 +17,7 @@ from pyomo.repn import generate_standard_repn
 from pyrobocop_pyomo.complementarity import CanonicalForm, SidePart
 from pyrobocop_pyomo.errors import PyRobocopError
 from pyrobocop_pyomo.modeling.row_violations import bound_violation, number_or_nan, relation_violation
-from pyrobocop_pyomo.modeling.rule_results import variables_read
+from pyrobocop_pyomo.modeling.shared_nodes import variables_read
 
 from .declarations import Algebraic, Parameter
 from .record import Statement
@@ -83,7 +83,6 @@ def end_violations(
     statements = [statement for statement in statements if statement.kind in KINDS]
     if not statements:
         return
-    formulas.set_bounds(time)
     for name, variable in formulas.at_instant.items():
         if name in values:
             variable.fix(values[name], skip_validation=True)

@@ -16,17 +16,14 @@ from inspect import signature
 from pathlib import Path
 from typing import Any, Union
 
-import numpy as np
-
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.keywords import check_keywords
 from pyrobocop_pyomo.modeling.pickling import picklable_or_none
 from pyrobocop_pyomo.modeling.rule_slips import number_at
-from pyrobocop_pyomo.numerics import Array, Grid
+from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.templates.template import Template
-from pyrobocop_pyomo.transcription import InitialGuess
 
-from .nodes import IntervalNodes, KnotNodes, Nodes, StageNodes, StateNodes, knots_on_mesh
+from .nodes import InitialGuess, IntervalNodes, KnotNodes, Nodes, StageNodes, StateNodes, knots_on_mesh
 
 Bounds = tuple[Union[float, None], Union[float, None]]  # noqa: UP007
 BoundsInTime = Union[Bounds, Callable[[float], Bounds]]  # noqa: UP007
@@ -51,7 +48,7 @@ _DOMAIN_OF_CONTROL = "integer=(0, 1), with the values that it takes, or bounds=(
 
 
 class FunctionOfTime:
-    """Bounds or a history by a function of the time, which is called while the phase is built, as a rule is.
+    """A history by a function of the time, which is called while the phase is built, as a rule is.
 
     What it has said of a time is kept, and it is not called for that time again.
 
@@ -87,9 +84,27 @@ class FunctionOfTime:
         nearest = min(self._said, key=lambda said: abs(said - time), default=math.inf)
         return nearest if abs(nearest - time) <= slack else None
 
-    def knows(self, time: float) -> bool:
-        """Whether it has said something of a time, or of all times."""
-        return time in self._said or not self.is_asked_by_point
+
+@dataclass(frozen=True)
+class BoundsOverTime:
+    """Rule of the path constraint that bounds by a function of the time are. A class, because it must survive pickling.
+
+    Attributes
+    ----------
+    name : str
+        Of what is bounded.
+    function : callable
+        The user's.
+    """
+
+    name: str
+    function: Callable[[float], Bounds]
+
+    def __call__(self, b: Any, t: Any) -> Any:
+        """Both sides, where there are any, at a time index."""
+        bounded, (lower, upper) = getattr(b, self.name)[t], self.function(t)
+        above = {} if lower is None else {"lower": bounded >= lower}
+        return above if upper is None else {**above, "upper": bounded <= upper}
 
 
 _PACKAGE = str(Path(__file__).parents[1])
@@ -109,8 +124,8 @@ class Declaration:
 
     Attributes
     ----------
-    bounds : (lower, upper), or function of the time index that returns such a pair, or None
-        None where there is no bound.
+    bounds : (lower, upper), or function of the time that returns such a pair, or None
+        None where there is no bound. A function makes a path constraint, ``<name>_bounds``.
     initial_guess : number, array, function of the time index, or None
         Where the solver starts. By default 0, and for a state the value that it starts with, or else ends with.
     units : Pyomo unit or None
@@ -172,20 +187,6 @@ class Declaration:
         if callable(bounds):
             bounds = number_at(bounds, time, f"{name}: bounds", ModelError)
         return check_bounds(bounds, name, "bounds")
-
-    def known_bounds_at(self, time: float, name: str) -> Bounds:
-        """Bounds at one time; none where a function of the user's would have to be called for them."""
-        is_known = not isinstance(self.bounds, FunctionOfTime) or self.bounds.knows(time)
-        return self.bounds_at(time, name) if is_known else UNBOUNDED
-
-    def bounds_over(self, times: Any, name: str) -> tuple[Array, Array]:
-        """Bounds at many times as numbers of the same shape, or one for all; infinite where none is, or none known."""
-        if not callable(self.bounds):
-            lower, upper = np.array(in_infinities(self.bounds_at(0.0, name)))
-            return lower, upper
-        known = [in_infinities(self.known_bounds_at(time, name)) for time in np.ravel(times).tolist()]
-        lower, upper = np.reshape(np.transpose(known), (2, *np.shape(times)))
-        return lower, upper
 
     def nodes(self, name: str, grid: Grid, label: str) -> Nodes:
         """Where the values of a variable over time live, that is declared so under a name.

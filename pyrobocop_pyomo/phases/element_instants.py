@@ -13,6 +13,7 @@ from pyrobocop_pyomo.numerics.lagrange import differentiation_matrix
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .coupled_phases import values_in_elements
+from .declarations import in_infinities
 from .delays import past_of
 from .record import Statement
 from .rule_formulas import RuleFormulas
@@ -103,6 +104,6 @@ class ElementInstants:
             )
         return found
 
-    def bounds(self, name: str) -> tuple[Array, Array]:
+    def bounds(self, name: str) -> tuple[float, float]:
         """Declared bounds, infinite where there are none."""
-        return self._formulas.record.declarations[name].bounds_over(self.index, name)
+        return in_infinities(self._formulas.record.declarations[name].bounds_at(0.0, name))

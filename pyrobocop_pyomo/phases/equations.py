@@ -1,14 +1,18 @@
-"""From the user's rules to Pyomo rows: differential equations, step maps, residuals, constraints, complementarity."""
+"""From the user's rules to Pyomo rows: equations, step maps, residuals, constraints, complementarity; and to integrals.
+
+An objective that holds an integral follows when the phase gets another mesh.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from itertools import count
 from typing import Any
 
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.PyomoModel import Model
+from pyomo.core.base.set import Any as AnyIndex
 from pyomo.core.expr.numvalue import native_numeric_types
 from pyomo.core.expr.relational_expr import EqualityExpression, InequalityExpression, RelationalExpression
 
@@ -18,14 +22,15 @@ from pyrobocop_pyomo.modeling.bulk_parts import new_row
 from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions, plain_scalar
 from pyrobocop_pyomo.modeling.foreign_variables import ONE_MODEL, foreign_read, foreign_variable
 from pyrobocop_pyomo.modeling.rows_by_rule import add_rows_by_rule
-from pyrobocop_pyomo.modeling.rule_results import expressions_returned
 from pyrobocop_pyomo.modeling.rule_slips import slips_explained
-from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
-from pyrobocop_pyomo.transcription import can_step, step_rows
+from pyrobocop_pyomo.modeling.shared_nodes import expressions_returned, variables_in_any
+from pyrobocop_pyomo.templates.template import Template
+from pyrobocop_pyomo.transcription import can_step, quadrature
 
 from .declarations import Algebraic, State, check_bounds
 from .families import equations_by_component
-from .record import AT_BOUNDARIES, PhaseRecord, PreviousStates, Statement, labelled_rows, place
+from .horizon import quadrature_weights
+from .record import AT_BOUNDARIES, PhaseRecord, PreviousStates, Statement, add_generated, labelled_rows, place
 from .row_rules import CollocationRows, Ode, Rates, StatedRows
 from .signal_vars import NoSuchTime
 from .variables import add_generated_rows, add_values, rate_units
@@ -34,6 +39,8 @@ from .variables import add_generated_rows, add_values, rate_units
 RUN_AGAIN = "(A notebook's cell that is run again states it again: run those from the one that makes the model.)"
 
 Rule = Callable[..., Any]
+
+INTEGRALS = "stated_integrals"
 
 
 def _add_ode(block: Any, statement: Statement) -> None:
@@ -48,7 +55,7 @@ def _add_ode(block: Any, statement: Statement) -> None:
     ode = Ode(block, statement, given)
     for name in _states_given(block, statement, given):
         declaration: Any = record.declarations[name]
-        record.odes[name], rates = ode, Rates(block, name)
+        rates = Rates(ode, name)
         if declaration.derivative_bounds is None and name not in record.kept_derivatives:
             record.rates[name] = rates
             _add_collocation(block, name, rates, is_read_later)
@@ -69,12 +76,12 @@ def _add_step(block: Any, statement: Statement) -> None:
             "stages, or one inside the element. State it on a phase with scheme='implicit_euler' (or explicit Euler)."
         )
     states = {name: block.component(name) for name in record.names_of_states}
-    given = {}
+    given, ends = {}, {}
     for nodes, (stage,) in zip(grid.node_times, grid.stage_times, strict=True):
+        ends[stage] = nodes[-1]
         starting = {name: state[nodes[0]] for name, state in states.items()}
         given[stage] = _given_for_states(block, statement, stage, PreviousStates(what, starting, record.families))
     for state in _states_given(block, statement, given):
-        following = {time: values[state] for time, values in given.items()}
         declaration = record.declarations[state]
         assert isinstance(declaration, State)
         if declaration.derivative_bounds is not None or state in record.kept_derivatives:
@@ -83,7 +90,8 @@ def _add_step(block: Any, statement: Statement) -> None:
                 "is in use. What a step leads has none: remove derivative_bounds and phase.derivative(), or state an "
                 "ode."
             )
-        add_generated_rows(block, f"{state}_step", block.points, step_rows(states[state], following, grid))
+        rows = ((time, (states[state][ends[time]] - values[state], 0)) for time, values in given.items())
+        add_generated_rows(block, f"{state}_step", block.points, rows)
         record.equation_of[state] = statement.name
         record.discrete_states.add(state)
 
@@ -319,6 +327,53 @@ def _add_rows(block: Any, statement: Statement, results: dict[float, dict[Hashab
         for label, row in labelled.items():
             rows.add(_index(time, label), row)
     return max(len(labelled) for labelled in results.values())
+
+
+def named_integral(block: Any, integrand: Rule) -> Any:
+    """See `PhaseBlock.integral`: a member of the named expression that holds the integrals of the phase."""
+    statement = Statement("integrand", rule_name(integrand), Template(integrand))
+    total = _integral(block, statement)
+    is_part = block.record.asking  # a rule that is evaluated makes its own
+    if is_part or total.__class__ in native_numeric_types:
+        return total
+    named = block.component(INTEGRALS)
+    if named is None:
+        named = add_generated(block, INTEGRALS, Expression(AnyIndex, doc="integrals over the phase"))
+    block.record.integrals.append(statement)
+    position = len(block.record.integrals)
+    named[position] = total
+    return named[position]
+
+
+def restate_integrals(block: Any) -> None:
+    """Give every integral that was handed out its sum over the points that the phase has now."""
+    for position, statement in enumerate(block.record.integrals, start=1):
+        block.component(INTEGRALS)[position].set_value(_integral(block, statement))
+
+
+def _summand(block: Any, statement: Statement, time: float) -> Any:
+    """What an integrand returns at a time, where that is one number or formula.
+
+    Raises
+    ------
+    ModelError
+        When it is a list, a relation or nothing.
+    """
+    label, expected = statement.label(block), "one number or formula, such as b.u[t] ** 2"
+    found = asked(block, statement, time, expected)
+    if isinstance(found, (str, Sequence, Mapping, RelationalExpression)):
+        raise ModelError(
+            f"{label} returned a {type(found).__name__} at t = {time:g}; expected {expected}. Return the sum of what "
+            "it holds."
+        )
+    return plain_scalar(found, label)
+
+
+def _integral(block: Any, statement: Statement) -> Any:
+    scale, weights = quadrature_weights(block)
+    total = quadrature(lambda time: _summand(block, statement, time), weights)
+    plain = isinstance(scale, float) and scale == 1.0
+    return total if plain else scale * total
 
 
 def _index(time: float, label: Hashable) -> Hashable:

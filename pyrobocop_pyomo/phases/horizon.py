@@ -23,13 +23,13 @@ from pyomo.core.expr.numvalue import native_numeric_types, value
 from pyrobocop_pyomo.errors import InitialGuessError, ModelError
 from pyrobocop_pyomo.modeling.time_index import TimeIndex, point_of
 from pyrobocop_pyomo.numerics import Grid, Mesh
-from pyrobocop_pyomo.transcription import initial_number
 
-from .declarations import Bounds, Duration, Start, check_bounds, within
+from .declarations import Duration, Start, check_bounds, within
+from .nodes import initial_number
 from .record import PhaseRecord, place
 
 
-def add_horizon(block: Any, start: Any, free_element_widths: Bounds | None) -> None:
+def add_horizon(block: Any, start: Any) -> None:
     """Add start, duration and, where elements may move, their boundaries to a phase block.
 
     Raises
@@ -47,9 +47,8 @@ def add_horizon(block: Any, start: Any, free_element_widths: Bounds | None) -> N
         block.start = with_units(block.record, start)
     else:
         block.start = Expression(expr=start)
-    if free_element_widths is not None:
-        block.record.width_factors = free_element_widths
-        add_boundaries(block, free_element_widths, what)
+    if block.record.free_widths:
+        add_boundaries(block, what)
 
 
 def _add_duration(block: Any, label: str) -> None:
@@ -68,7 +67,7 @@ def _add_duration(block: Any, label: str) -> None:
     block.duration = Var(bounds=(lower, upper), initialize=within(guess, (lower, upper)), units=block.record.time_units)
 
 
-def add_boundaries(block: Any, factors: Bounds, label: str) -> None:
+def add_boundaries(block: Any, label: str) -> None:
     """Add the element boundaries as variables, and rows for the widths between them.
 
     Raises
@@ -76,7 +75,7 @@ def add_boundaries(block: Any, factors: Bounds, label: str) -> None:
     ModelError
         When the factors are no range around 1.
     """
-    mesh = block.record.grid.mesh
+    mesh, factors = block.record.grid.mesh, block.record.width_factors
     lower, upper = check_bounds(factors, label, "free_element_widths")
     if lower is None or upper is None or not 0 < lower <= 1 <= upper:
         raise ModelError(
@@ -119,15 +118,16 @@ def element_width(record: PhaseRecord, element: int, duration: Any, boundary: An
     return duration * width if record.normalised else with_units(record, width)
 
 
-def quadrature_weights(record: PhaseRecord, duration: Any, boundary: Any) -> tuple[Any, dict[float, Any]]:
+def quadrature_weights(block: Any) -> tuple[Any, dict[float, Any]]:
     """A common factor, and the weight of each collocation point, of an integral over real time."""
+    record: PhaseRecord = block.record
     grid = record.grid
-    scale = duration if record.normalised else with_units(record, 1.0)
+    scale = block.duration if record.normalised else with_units(record, 1.0)
     if not record.free_widths:
         return scale, grid.quadrature_weights
     weights: dict[float, Any] = {}
     for i, times in enumerate(grid.stage_times):
-        width = boundary[i + 1] - boundary[i]
+        width = block.boundary[i + 1] - block.boundary[i]
         for time, factor in zip(times, grid.scheme.b.tolist(), strict=True):
             weights[time] = weights[time] + factor * width if time in weights else factor * width
     return scale, weights

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.errors import InitialGuessError
-from pyrobocop_pyomo.modeling.rule_results import variables_read
+from pyrobocop_pyomo.modeling.shared_nodes import variables_read
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.mixed_complementarity import (
     ComplementaritySolution,

@@ -83,7 +83,6 @@ class InstantEquations:
         self.rates = [rates[name] if name in rates else slopes[f"d {name}"] for name in names]
         read = self._reads(self.rates)
         self.statements = record.statements_of("ode")
-        formulas.set_bounds(record.grid.times[0])  # a side may be a variable's own bound
         unknown: list[str] = []
         equations: list[_Equation] = []
         self.is_hidden = False

@@ -8,20 +8,21 @@ A piecewise control has fewer values: one per interval between its knots, or one
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Any, Union
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pyomo.core.base.set import RangeSet
 
-from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.errors import InitialGuessError, ModelError
+from pyrobocop_pyomo.modeling.rule_slips import number_at
 from pyrobocop_pyomo.numerics import Array, Grid
-from pyrobocop_pyomo.transcription import InitialGuess, initial_stage_values, initial_state_values, initial_values_at
 
+InitialGuess = Union[float, Sequence[float], NDArray[np.float64], Callable[[float], float], None]  # noqa: UP007
 Weights = list[tuple[int, float]]
 
 
@@ -78,11 +79,6 @@ class Nodes:
     def index_set(self, block: Any) -> Any:
         """Index set of the component."""
         return block.points
-
-    @property
-    def bounded_times(self) -> Sequence[Sequence[float]]:
-        """Where each value has to respect bounds."""
-        return [(time,) for time in self.times]
 
     def variables(self, block: Any) -> list[Any]:
         """The variables, in the order of `times`."""
@@ -145,8 +141,11 @@ class StateNodes(Nodes):
         return block.time
 
     def from_guess(self, guess: InitialGuess, label: str) -> Array:
-        """Values that an initial guess of the user's means."""
-        return initial_state_values(guess, self.grid, label)
+        """As declared; an array has one value per time, or one per element boundary, which lines join."""
+        boundaries, times = self.grid.mesh.boundaries, self.times
+        lengths = {len(times), len(boundaries)}
+        values = _guessed(guess, times, lengths, label, f"{len(boundaries)} element boundaries")
+        return values if len(values) == len(times) else np.interp(times, boundaries, values)
 
     def weights_at(self, time: float, after: bool = False) -> Weights:
         """By the polynomial of the element."""
@@ -171,8 +170,10 @@ class StageNodes(Nodes):
         return np.isin(self.grid.points, [times[0] for times in self.grid.stage_times])
 
     def from_guess(self, guess: InitialGuess, label: str) -> Array:
-        """Values that an initial guess of the user's means."""
-        return initial_stage_values(guess, self.grid, label)
+        """As declared; an array has one value per point, or one per element."""
+        elements, points = self.grid.mesh.elements, self.grid.points
+        values = _guessed(guess, points, {len(points), elements}, label, f"{elements} elements")
+        return values if len(values) == len(points) else values[[self.grid.element_of[time] for time in points]]
 
     def weights_at(self, time: float, after: bool = False) -> Weights:
         """By the polynomial through the stages of the element."""
@@ -225,12 +226,6 @@ class IntervalNodes(_PiecewiseNodes):
         """The middle of each element."""
         return _middles(self.grid.mesh.boundaries)
 
-    @property
-    def bounded_times(self) -> Sequence[Sequence[float]]:
-        """The collocation points of each interval."""
-        points = np.array(self.grid.points)
-        return [points[self.of_points == i].tolist() for i in range(len(self.times))]
-
     def from_samples(self, samples: Array) -> Array:
         """The mean over the elements of each interval, weighted by their widths."""
         widths, count = self.grid.mesh.widths, len(self.knots) - 1
@@ -241,8 +236,8 @@ class IntervalNodes(_PiecewiseNodes):
         """Values that an initial guess of the user's means: an array has one value per interval, or per element."""
         intervals, elements = len(self.knots) - 1, self.grid.mesh.elements
         if not callable(guess) and np.ndim(guess) == 1 and len(guess) == intervals:  # type: ignore[arg-type]
-            return initial_values_at(guess, self.times, label, f"{intervals} intervals")
-        return self.from_samples(initial_values_at(guess, self.sample_times, label, f"{elements} elements"))
+            return _guessed(guess, self.times, {intervals}, label, f"{intervals} intervals")
+        return self.from_samples(_guessed(guess, self.sample_times, {elements}, label, f"{elements} elements"))
 
     def weights_at(self, time: float, after: bool = False) -> Weights:
         """The value of the interval."""
@@ -265,7 +260,7 @@ class KnotNodes(_PiecewiseNodes):
 
     def from_guess(self, guess: InitialGuess, label: str) -> Array:
         """Values that an initial guess of the user's means."""
-        return initial_values_at(guess, self.knots, label, f"{len(self.knots)} knots")
+        return _guessed(guess, self.knots, {len(self.knots)}, label, f"{len(self.knots)} knots")
 
     def weights_at(self, time: float, after: bool = False) -> Weights:
         """By the line between two knots."""
@@ -315,3 +310,46 @@ def _middles(times: tuple[float, ...]) -> tuple[float, ...]:
 
 def _nonzero(positions: ArrayLike, weights: Array) -> Weights:
     return [(int(i), weight) for i, weight in zip(positions, weights.tolist(), strict=True) if weight != 0.0]  # type: ignore[arg-type]
+
+
+def initial_number(guess: InitialGuess, label: str) -> float:
+    """A single number, for what does not change in time.
+
+    Raises
+    ------
+    InitialGuessError
+        When it is no finite number.
+    """
+    if callable(guess):
+        raise InitialGuessError(f"{label}: the initial guess is a function of time, but '{label}' is one number.")
+    return float(_guessed(guess, (0.0,), {1}, label, "one number")[0])
+
+
+def _guessed(guess: InitialGuess, times: Sequence[float], lengths: set[int], label: str, expected: str) -> Array:
+    try:
+        if guess is None:
+            values = np.zeros(len(times))
+        elif callable(guess):
+            what = f"{label}: the initial guess"
+            values = np.array([float(number_at(guess, time, what, InitialGuessError)) for time in times])
+        else:
+            if np.asarray(guess).dtype.kind in "SU":
+                raise TypeError("it is text")  # NumPy would read the number out of it
+            values = np.asarray(guess, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InitialGuessError(f"{label}: the initial guess is not made of numbers ({error}).") from error
+    if values.ndim == 0:
+        values = np.full(len(times), float(values))
+    if values.ndim != 1 or len(values) not in lengths:
+        shape = f"{len(values)} values" if values.ndim == 1 else f"shape {values.shape}"
+        needed = " or ".join(str(length) for length in sorted(lengths))
+        raise InitialGuessError(
+            f"{label}: the initial guess has {shape}; {expected} need {needed}. Give {needed} values, a number, "
+            "or a function of time."
+        )
+    if not np.isfinite(values).all():
+        i = int(np.flatnonzero(~np.isfinite(values))[0])
+        raise InitialGuessError(
+            f"{label}: value {i} of the initial guess is {values[i]}; initial guesses must be finite."
+        )
+    return values

@@ -25,21 +25,30 @@ from pyrobocop_pyomo.numerics import Grid, Scheme, find_scheme
 from pyrobocop_pyomo.templates.slots import Clock, Derivative, RateOf
 from pyrobocop_pyomo.templates.template import OverTime, Reading, Template, TimeTemplate, is_asked_for_all_times
 from pyrobocop_pyomo.trajectories import Trajectory
-from pyrobocop_pyomo.transcription import InitialGuess
 
 from .coupled_phases import put_on_model
-from .declarations import Bounds, Control, Declaration, Duration, Law
-from .equations import RUN_AGAIN, add_derivative, add_statement, name_of_rows
+from .declarations import (
+    UNBOUNDED,
+    Bounds,
+    BoundsOverTime,
+    Control,
+    Declaration,
+    Duration,
+    FunctionOfTime,
+    Law,
+    Parameter,
+)
+from .equations import RUN_AGAIN, add_derivative, add_statement, name_of_rows, named_integral
 from .families import OneOf, component_declarations, family_names, name_of
 from .horizon import add_horizon, checked_duration, make_mesh, real_time
 from .initial_guesses import set_guesses, set_straight_lines, set_trajectory
-from .integrals import named_integral
+from .nodes import InitialGuess
 from .phase_values import PhaseValues, expression_values, expressions_over_time
 from .record import AT_BOUNDARIES, PhaseRecord, Statement
 from .reintegration import Reintegration, reintegrate
 from .remeshing import remesh_phases
 from .simulation import SimulationOptions, simulate
-from .stated_numbers import in_numbers, with_functions_of_time
+from .stated_numbers import in_numbers
 from .structure import check_phase
 from .variables import add_variables, control_rate
 from .verification import Verification, verify
@@ -129,9 +138,7 @@ class PhaseBlockData(BuiltBlockData):
         if isinstance(declaration, Law):
             declaration.state(self, name)
         elif declaration.index is None:
-            declaration = with_functions_of_time(self, in_numbers(declaration, what), what)
-            add_variables(self, name, declaration)
-            record.declarations[name] = declaration
+            self._declare_one(name, in_numbers(declaration, what), what)
         else:
             names = family_names(name, declaration, what)
             for member, of_component in component_declarations(names, declaration, what):
@@ -139,6 +146,19 @@ class PhaseBlockData(BuiltBlockData):
             record.families[name] = names
             if isinstance(declaration, Control) and declaration.one_of:
                 self.constraint(OneOf(name), name=f"{name}_one_of")
+
+    def _declare_one(self, name: str, declaration: Declaration, what: str) -> None:
+        limits, history = declaration.bounds, getattr(declaration, "history", None)
+        if callable(history):
+            declaration = replace(declaration, history=FunctionOfTime(history))  # type: ignore[call-arg]
+        if callable(limits) and not isinstance(declaration, Parameter):
+            for time in () if self.record.normalised else self.points:
+                declaration.bounds_at(time, what)
+            declaration = replace(declaration, bounds=UNBOUNDED)
+        add_variables(self, name, declaration)
+        self.record.declarations[name] = declaration
+        if callable(limits) and not isinstance(declaration, Parameter):
+            self.constraint(BoundsOverTime(name, limits), name=f"{name}_bounds")
 
     def __getattr__(self, name: str) -> Any:
         record = self.__dict__.get("_record")
@@ -293,8 +313,6 @@ class PhaseBlockData(BuiltBlockData):
             )
         if name in self.record.kept_derivatives:
             return self.component(f"{name}_derivative")
-        if self.record.restating is not None:
-            raise ModelError(f"{self._what}: the derivative of '{name}' is used before its equation.")
         with self._all_or_nothing():
             return add_derivative(self, name)
 
@@ -625,13 +643,13 @@ class PhaseBlockData(BuiltBlockData):
             grid,
             duration,
             normalised,
-            free_widths=free_element_widths is not None,
+            width_factors=free_element_widths,
             allow_higher_index=bool(allow_higher_index),
             time_units=time_units,
         )
         self.time = Set(initialize=list(grid.times), ordered=True, doc="element boundaries and collocation points")
         self.points = Set(initialize=list(grid.points), ordered=True, doc="collocation points")
-        add_horizon(self, float(start) if isinstance(start, Real) else start, free_element_widths)
+        add_horizon(self, float(start) if isinstance(start, Real) else start)
         if duration is not stated:
             self.duration_as_stated = Constraint(expr=self.duration == stated)
 

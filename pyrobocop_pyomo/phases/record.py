@@ -74,8 +74,6 @@ class PhaseRecord:
     duration : float or Duration
     normalised : bool
         True when start, duration or element boundaries are to be found: indices then run from 0 to 1.
-    free_widths : bool
-        True when the element boundaries are variables.
     declarations : dict of name to Declaration
     families : dict of name to FamilyNames
         Vectors and matrices, whose components are declarations of their own.
@@ -86,8 +84,6 @@ class PhaseRecord:
         States that a step map leads from element to element: they have no derivative.
     rates : dict of state name to mapping of collocation point to expression
         Right-hand sides that were substituted.
-    odes : dict of state name to Ode
-        Where they come from.
     kept_derivatives : set of str
         States whose derivative is a variable of its own.
     made : set of str
@@ -125,14 +121,12 @@ class PhaseRecord:
     grid: Grid
     duration: float | Duration
     normalised: bool = False
-    free_widths: bool = False
     declarations: dict[str, Declaration] = field(default_factory=dict)
     families: dict[str, FamilyNames] = field(default_factory=dict)
     statements: list[Statement] = field(default_factory=list)
     equation_of: dict[str, str] = field(default_factory=dict)
     discrete_states: set[str] = field(default_factory=set)
     rates: dict[str, Any] = field(default_factory=dict)
-    odes: dict[str, Any] = field(default_factory=dict)
     kept_derivatives: set[str] = field(default_factory=set)
     made: set[str] = field(default_factory=set)
     generated_rows: set[str] = field(default_factory=set)
@@ -149,6 +143,11 @@ class PhaseRecord:
     asking: bool = False
     restating: Any = None
     outcome: tuple[str, int] | None = None
+
+    @property
+    def free_widths(self) -> bool:
+        """Whether the element boundaries are variables."""
+        return self.width_factors is not None
 
     def names(self, kind: type[Declaration]) -> list[str]:
         """Names of all declarations of a kind, in the order of declaration."""

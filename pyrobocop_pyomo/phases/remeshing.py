@@ -9,7 +9,7 @@ by the polynomial of the element, controls by theirs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -36,9 +36,8 @@ from pyrobocop_pyomo.trajectories import Trajectory
 from .asked_by_point import asked_by_point
 from .declarations import Bounds, Control, within
 from .delays import restate_values_at_times
-from .equations import add_derivative, add_statement
+from .equations import add_derivative, add_statement, restate_integrals
 from .horizon import add_boundaries, make_mesh
-from .integrals import restate_integrals
 from .nodes import IntervalNodes, KnotNodes, Nodes, StateNodes
 from .phase_values import PhaseValues
 from .record import PhaseRecord
@@ -130,15 +129,10 @@ def free_element_widths(phases: Iterable[Any], factors: Bounds) -> None:
     if not grids:
         return
     reason = _reason(grids)
-    for phase in grids:
-        moving = [name for name, of in phase.record.declarations.items() if callable(getattr(of, "bounds", None))]
-        if moving:
-            reason = f"phase '{phase.name}': the bounds of '{moving[0]}' are given by the times of its points."
     if reason is not None:
         raise ModelError(reason)
     for phase in grids:
-        phase.record.normalised = phase.record.free_widths = True
-        phase.record.width_factors = factors
+        phase.record.normalised, phase.record.width_factors = True, factors
     _restate(grids)
 
 
@@ -387,13 +381,12 @@ class PhaseOnGrid:
         block, record = self._block, self._record
         record.grid, record.restating = self._grid, self
         record.equation_of, record.discrete_states, record.generated_rows = {}, set(), set()
-        record.rates, record.odes, record.control_rates, record.residuals_per_point = {}, {}, {}, 0
+        record.rates, record.control_rates, record.residuals_per_point = {}, {}, 0
         for members_of, members in ((block.time, self._grid.times), (block.points, self._grid.points)):
             members_of.clear()
             members_of.update(members)
         if record.free_widths:
-            assert record.width_factors is not None
-            add_boundaries(block, record.width_factors, f"phase '{block.name}'")
+            add_boundaries(block, f"phase '{block.name}'")
         for name, declaration in record.declarations.items():
             # An initial guess may be an array over the mesh that the phase had.
             add_variables(block, name, replace(declaration, initial_guess=None))
@@ -447,7 +440,7 @@ class PhaseOnGrid:
                 put_part(standing, index, before[index])
         return standing
 
-    def keep(self, name: str, nodes: Nodes, declared: Callable[[Nodes], Sequence[Bounds]]) -> None:
+    def keep(self, name: str, nodes: Nodes, declared: Bounds) -> None:
         """Let variables at times that stay be what they were; give the others bounds and domains.
 
         Parameters
@@ -455,12 +448,12 @@ class PhaseOnGrid:
         name : str
         nodes : Nodes
             Those that it has now.
-        declared : callable
-            The bounds that were declared for the values at some nodes.
+        declared : (lower, upper)
+            The bounds that were declared for all values.
         """
         before, variables = self._before.nodes[name], self._before.variables[name]
         component, position = self._block.component(nodes.component), _retained(before, nodes)
-        pattern = self._set_for_all(name, declared(before), position, nodes)
+        pattern = self._set_for_all(name, declared, position, nodes)
         for number, index in enumerate(component.keys()):
             if number in position:
                 put_part(component, index, variables[position[number]])
@@ -499,9 +492,7 @@ class PhaseOnGrid:
                 if id(variable) not in kept:
                     variable.set_value(within(number, variable.bounds), skip_validation=True)
 
-    def _set_for_all(
-        self, name: str, declared: Sequence[Bounds], position: Mapping[int, int], nodes: Nodes
-    ) -> Any | None:
+    def _set_for_all(self, name: str, declared: Bounds, position: Mapping[int, int], nodes: Nodes) -> Any | None:
         """One of the variables, if the user has set bounds of all alike or fixed all; None if they are as declared.
 
         The ends of a state are another matter: they have initial and final values.
@@ -515,7 +506,7 @@ class PhaseOnGrid:
         marks = [(_bounds_of(variable), bool(variable.fixed)) for variable in variables]
         is_state = isinstance(before, StateNodes)
         between = range(1, len(marks) - 1) if is_state else range(len(marks))
-        set_by_user = [i for i in between if marks[i] != (declared[i], False)]
+        set_by_user = [i for i in between if marks[i] != (declared, False)]
         fewest = 2 if is_state else 1  # one state between the ends is a waypoint
         if len(set_by_user) == len(between) >= fewest and len({marks[i] for i in between}) == 1:
             return variables[between[0]]

@@ -64,21 +64,16 @@ class Rates(Mapping[float, Any]):
 
     Parameters
     ----------
-    block : PhaseBlock
+    ode : Ode
     name : str
         Of the state when it was stated: it may have another by now.
     """
 
-    def __init__(self, block: Any, name: str) -> None:
-        self._block, self._state = block, name
-
-    @property
-    def _ode(self) -> Ode:
-        found: Ode = self._block.record.odes[self._state]
-        return found
+    def __init__(self, ode: Ode, name: str) -> None:
+        self._ode, self._state = ode, name
 
     def __getitem__(self, time: float) -> Any:
-        if time not in self._block.record.grid.element_of:
+        if time not in self._ode.block.record.grid.element_of:
             raise KeyError(time)
         return self._ode.at(time)[self._state]
 
@@ -88,10 +83,10 @@ class Rates(Mapping[float, Any]):
         return self._ode.slots[self._state]
 
     def __iter__(self) -> Iterator[float]:
-        return iter(self._block.record.grid.points)
+        return iter(self._ode.block.record.grid.points)
 
     def __len__(self) -> int:
-        return len(self._block.record.grid.points)
+        return len(self._ode.block.record.grid.points)
 
 
 class CollocationRows(RowRule):

@@ -77,6 +77,10 @@ class RuleFormulas:
         for kind in ("declared", "derivatives", "previous", "delayed", "beside", "times"):
             scratch.add_component(kind, Var(AnyIndex, dense=False))
         self.at_instant = {name: scratch.declared[name] for name in record.declarations}
+        for name, declaration in record.declarations.items():  # a side of a pair may be a variable's own bound
+            lower, upper = declaration.bounds_at(0.0, name)
+            self.at_instant[name].setlb(lower)
+            self.at_instant[name].setub(upper)
         self._standing_for = {id(block.component(name)): variable for name, variable in self.at_instant.items()}
         self.indices, self.grid, boundaries = indices_of(record, grid), grid, grid.mesh.boundaries
         # Of the trajectory, whatever the phase has now.
@@ -180,13 +184,6 @@ class RuleFormulas:
         for statement in self.record.statements_of("ode"):
             rates |= self.by_state(statement)
         return [rates[name] for name in names]
-
-    def set_bounds(self, time: float) -> None:
-        """Give the variables the bounds of a time: pairs may mean a variable's own bound."""
-        for name, declaration in self.record.declarations.items():
-            lower, upper = declaration.known_bounds_at(time, name)
-            self.at_instant[name].setlb(lower)
-            self.at_instant[name].setub(upper)
 
     # ---------------------------------------------------------------- what stands in place of the variables
 

@@ -20,11 +20,11 @@ import numpy as np
 from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.errors import InitialGuessError, SimulationFailed, TrajectoryError
-from pyrobocop_pyomo.modeling.rule_results import variables_read
+from pyrobocop_pyomo.modeling.shared_nodes import variables_read
 from pyrobocop_pyomo.modeling.variable_values import put_values, values_restored
 from pyrobocop_pyomo.numerics import Array, Grid, Mesh
 from pyrobocop_pyomo.trajectories import Trajectory
-from pyrobocop_pyomo.transcription import InitialGuess, can_step, initial_number
+from pyrobocop_pyomo.transcription import can_step
 
 from .coupled_phases import coupled_phases_of
 from .declarations import Algebraic, Control
@@ -34,6 +34,7 @@ from .horizon import real_grid
 from .impacts import Impacts
 from .implicit_steps import RowStep, StepSystem
 from .instant_equations import known_equations
+from .nodes import InitialGuess, initial_number
 from .phase_values import PhaseValues, pairs_of_phase, read_values
 from .record import PhaseRecord
 from .right_hand_sides import RightHandSides, TooManyEvaluations

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from numbers import Real
 from typing import Any
 
-from pyomo.common.errors import PyomoException
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.param import ParamData
 from pyomo.core.base.units_container import InconsistentUnitsError, UnitsError
@@ -14,12 +12,11 @@ from pyomo.core.base.units_container import units as pyomo_units
 from pyomo.core.expr.numvalue import NumericValue, value
 from pyomo.core.expr.visitor import identify_mutable_parameters
 
-from pyrobocop_pyomo.errors import ModelError, PyRobocopError
+from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expressions import is_indexed_component
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
-from pyrobocop_pyomo.modeling.time_index import TimeIndex
 
-from .declarations import Declaration, FunctionOfTime, State
+from .declarations import Declaration, State
 
 
 def in_numbers(declaration: Declaration, label: str) -> Declaration:
@@ -45,35 +42,6 @@ def in_numbers(declaration: Declaration, label: str) -> Declaration:
         elif isinstance(given, tuple) and any(isinstance(side, NumericValue) for side in given):
             changed[name] = tuple(_unchanging(side, declaration.units, where) for side in given)
     return replace(declaration, **changed) if changed else declaration
-
-
-def with_functions_of_time(block: Any, declaration: Declaration, label: str) -> Declaration:
-    """The declaration with functions for bounds and a history that are called while the phase is built.
-
-    Raises
-    ------
-    ModelError
-        When the bounds depend on the time, which is to be found.
-    """
-    given: dict[str, Any] = {name: getattr(declaration, name, None) for name in ("bounds", "history")}
-    functions: dict[str, Any] = {
-        name: FunctionOfTime(function) for name, function in given.items() if callable(function)
-    }
-    if "bounds" in functions and block.record.normalised:
-        where = f"{label} (declared at {declaration.declared_at}): its bounds"
-        try:
-            sides = given["bounds"](TimeIndex(block.record.grid.times[-1], where, block))
-        except (PyRobocopError, PyomoException, TypeError, ValueError) as error:  # what asks a template for a number
-            raise ModelError(f"{where} have to know the time. {_NO_TIME}") from error
-        if not all(side is None or isinstance(side, Real) for side in sides):
-            raise ModelError(f"{where} depend on the time. {_NO_TIME}")
-    return replace(declaration, **functions) if functions else declaration
-
-
-_NO_TIME = (
-    "Start, duration or elements of the phase are to be found, and with them the time: state a relation that follows "
-    "it, such as b.constraint(lambda b, t: b.x[t] <= 2 * t), in which t is the time."
-)
 
 
 def _unchanging(side: Any, units: Any, where: str) -> Any:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import partial
 from numbers import Real
 from typing import Any
 
@@ -20,12 +19,12 @@ from pyomo.core.expr.numvalue import NumericValue, native_numeric_types
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.bulk_parts import new_row
 from pyrobocop_pyomo.numerics import Grid
-from pyrobocop_pyomo.transcription import continuity_rows, initial_number
+from pyrobocop_pyomo.transcription import continuity_rows
 
 from .declarations import Bounds, Control, Declaration, Parameter, State, check_bounds, within
 from .delays import value_at
 from .horizon import real_time
-from .nodes import IntervalNodes, KnotNodes, Nodes
+from .nodes import IntervalNodes, KnotNodes, Nodes, initial_number
 from .record import PhaseRecord, add_generated, place
 from .signal_vars import SignalExpression, SignalVar, signal_reference
 from .stated_numbers import add_row_of_end
@@ -61,32 +60,17 @@ def add_variables(block: Any, name: str, declaration: Declaration) -> None:
 def add_values(block: Any, name: str, declaration: Declaration, nodes: Nodes, label: str) -> Any:
     """Add the variables behind a name, with their bounds, and with their initial guess moved onto these."""
     guess = nodes.from_guess(declaration.initial_guess, label)
-    bounds = _bounds(nodes, declaration, label)
+    bounds = declaration.bounds_at(0.0, label)
     kind = SignalVar if nodes.component == name else Var
     variable = add_generated(block, nodes.component, kind(nodes.index_set(block), units=declaration.units))
     # Given one by one: a dict passed to Var(...) takes six times as long.
-    for data, number, sides in zip(variable.values(), guess.tolist(), bounds, strict=True):
-        data.setlb(sides[0])
-        data.setub(sides[1])
-        data.set_value(within(number, sides), skip_validation=True)
+    for data, number in zip(variable.values(), guess.tolist(), strict=True):
+        data.setlb(bounds[0])
+        data.setub(bounds[1])
+        data.set_value(within(number, bounds), skip_validation=True)
     if block.record.restating is not None:
-        block.record.restating.keep(name, nodes, partial(_bounds, declaration=declaration, label=label))
+        block.record.restating.keep(name, nodes, bounds)
     return variable
-
-
-def _bounds(nodes: Nodes, declaration: Declaration, label: str) -> list[Bounds]:
-    """The bounds of each value."""
-    if callable(declaration.bounds):
-        return [_common_bounds(declaration, times, label) for times in nodes.bounded_times]
-    return [declaration.bounds_at(0.0, label)] * len(nodes.times)
-
-
-def _common_bounds(declaration: Declaration, times: Sequence[float], label: str) -> Bounds:
-    """What the bounds at several times leave in common: one value has to respect them all."""
-    lowers, uppers = zip(*(declaration.bounds_at(time, label) for time in times), strict=True)
-    lower = max((bound for bound in lowers if bound is not None), default=None)
-    upper = min((bound for bound in uppers if bound is not None), default=None)
-    return check_bounds((lower, upper), label, f"bounds between {times[0]:g} and {times[-1]:g}")
 
 
 def _show_at_points(block: Any, name: str, nodes: IntervalNodes | KnotNodes, values: Any, label: str) -> None:

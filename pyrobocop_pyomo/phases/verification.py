@@ -34,7 +34,7 @@ from .coupled_phases import (
     other_phases,
     put_on_model,
 )
-from .declarations import Algebraic, Control, Duration, FunctionOfTime, Parameter, State, in_infinities
+from .declarations import Algebraic, Control, Duration, Parameter, State, in_infinities
 from .element_instants import ElementInstants
 from .nodes import IntervalNodes
 from .record import AT_BOUNDARIES, PhaseRecord, Statement
@@ -258,7 +258,6 @@ class _TrajectoryCheck:
         self.on_grid = is_of_grid(record, trajectory.grid)
         self.indices = record.grid if self.on_grid else indices_of(record, trajectory.grid)
         self.formulas = RuleFormulas(block, trajectory.grid, coupled_phases_of(block, trajectory.grid))
-        self.formulas.set_bounds(self.indices.times[0])
         self.states = {name: trajectory.element_states(name) for name in trajectory.states}
         self.signals = {name: trajectory.element_signals(name) for name in trajectory.signals}
         self.slopes = {name: self._slopes(name) for name in self.states}
@@ -384,11 +383,8 @@ class _TrajectoryCheck:
             return np.array([float(shared_value(expression)) for expression in expressions])
 
     def _asks_rows(self, statement: Statement) -> bool:
-        """Whether a rule, or a bound that a pair means, is known at the points of this grid alone."""
-        of_bounds = statement.kind == "complementarity" and any(
-            callable(of.bounds) for of in self.record.declarations.values()
-        )
-        asks = self.on_grid and (of_bounds or not self.formulas.gives_formulas(statement))
+        """Whether a rule is known at the points of this grid alone."""
+        asks = self.on_grid and not self.formulas.gives_formulas(statement)
         foreign = foreign_variable(self.block, self._variables_of(statement)) if asks else None
         if foreign is not None:
             words = foreign_read(foreign, self.block.model())
@@ -431,22 +427,17 @@ class _TrajectoryCheck:
         if isinstance(self.record.duration, Duration):
             violations.append(bound_violation(trajectory.duration, *self.record.duration.bounds_at(0.0, "duration")))
         for name, declaration in self.record.declarations.items():
-            times, numbers = self.indices.points, trajectory.signals.get(name, np.zeros(0))
+            numbers = trajectory.signals.get(name, np.zeros(0))
             if name in trajectory.parameters:
-                times, numbers = (0.0,), np.array([trajectory.parameters[name]])
+                numbers = np.array([trajectory.parameters[name]])
             elif isinstance(declaration, State):
-                times, numbers = self.indices.times, trajectory.states[name]
+                numbers = trajectory.states[name]
                 violations += self._of_ends(name, declaration, numbers)
                 violations.append(_beyond(self.slopes[name], *in_infinities(declaration.derivative_bounds)))
             levels = getattr(declaration, "levels", None)
             if levels is not None:
                 violations += [min(abs(number - level) for level in levels) for number in numbers]
-            violations.append(_beyond(numbers, *declaration.bounds_over(times, name)))
-            if isinstance(declaration.bounds, FunctionOfTime) and declaration.bounds.is_asked_by_point:
-                self.remarks.append(
-                    f"the bounds of '{name}' (declared at {declaration.declared_at}) are known where their function "
-                    "was asked while the phase was built, and not looked at elsewhere: it needs the time as a number."
-                )
+            violations.append(_beyond(numbers, *in_infinities(declaration.bounds_at(0.0, name))))
         return float(max(violations))
 
     def _of_ends(self, name: str, declaration: State, numbers: Array) -> Iterator[float]:

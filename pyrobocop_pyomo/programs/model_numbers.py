@@ -123,7 +123,6 @@ class ModelNumbers:
             *map(_ACTIVE, rows),
             None if terms.objective is None else terms.objective.is_minimizing(),
             *(named.args[0] for terms in collected for named in terms.named_expressions.values()),
-            *(node.__class__ for terms in collected for node in terms.sums_by_rule),
         ]
 
 

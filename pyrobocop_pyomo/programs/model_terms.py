@@ -19,7 +19,7 @@ from pyrobocop_pyomo.complementarity.preconditions import only_objective
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_nodes import CONSTANT, DIVISION, LEAF, NAMED, NEGATION, PRODUCT, SUMMATION
 from pyrobocop_pyomo.modeling.functions import is_function_call
-from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, RowByRule, SumByRule, sums_of
+from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, RowByRule, sums_of
 from pyrobocop_pyomo.modeling.shared_nodes import topmost_nodes
 
 from .function_calls import FunctionCalls
@@ -51,7 +51,6 @@ class Terms:
     groups : TermGroups
     named_expressions : dict of id to named expression
         Those that were met; what stands behind them may be changed.
-    sums_by_rule : list of SumByRule
     """
 
     def __init__(self, columns: Columns, calls: FunctionCalls | None = None) -> None:
@@ -61,7 +60,6 @@ class Terms:
         self.linear_coefficients: list[float] = []
         self.constants: dict[int, float] = {}
         self.named_expressions: dict[int, Any] = {}
-        self.sums_by_rule: list[Any] = []
         self._kinds = NodeKinds()
         self.groups = TermGroups(columns, self._kinds, self._content)
         self._terms: list[tuple[int, NonlinearTerm]] = []
@@ -77,14 +75,8 @@ class Terms:
         """
         columns: list[int] = []
         coefficients: list[float] = []
-        sums: list[tuple[RepeatedSum, float]] = []
-        constant, parts = self._split(expression, scale, columns, coefficients, sums)
+        constant, parts = self._split(expression, scale, columns, coefficients)
         variable = any(column >= 0 for column in columns) or any(map(self._has_variable, parts))
-        for repeated, factor in sums:
-            table = self.columns.table(repeated)
-            variable = variable or bool((table >= 0).any())
-            scales = [factor * scale for scale in repeated.scales]
-            self.add_repeated(repeated._replace(scales=scales), table, row)
         if not (variable or keep_constant):
             return False
         if constant:
@@ -102,7 +94,7 @@ class Terms:
             rows, scales = all_rows[places], all_scales[places]
             columns: list[int] = []
             coefficients: list[float] = []
-            constant, parts = self._split(repeated.expression(int(places[0])), 1.0, columns, coefficients, [])
+            constant, parts = self._split(repeated.expression(int(places[0])), 1.0, columns, coefficients)
             for row, added in zip(rows.tolist(), (constant * scales).tolist(), strict=True) if constant else ():
                 self.constants[row] = self.constants.get(row, 0.0) + added
             for column, coefficient in zip(columns, coefficients, strict=True):
@@ -131,14 +123,9 @@ class Terms:
         return any(self.columns.of(leaf) >= 0 for leaf in leaves)
 
     def _split(
-        self,
-        expression: Any,
-        scale: float,
-        columns: list[int],
-        coefficients: list[float],
-        sums: list[tuple[RepeatedSum, float]],
+        self, expression: Any, scale: float, columns: list[int], coefficients: list[float]
     ) -> tuple[float, list[NonlinearTerm]]:
-        """Take linear terms and sums that follow a rule out; return the constant and the nonlinear terms."""
+        """Take linear terms out; return the constant and the nonlinear terms."""
         kinds, column_of = self._kinds, self.columns.column_of
         constant = 0.0
         parts: list[NonlinearTerm] = []
@@ -178,9 +165,6 @@ class Terms:
                     parts.append(_product(factors, node, scale))
             elif kind == DIVISION and kinds[node.args[1].__class__] == CONSTANT and node.args[1]:
                 pending.append((node.args[0], scale / float(node.args[1]), factors))
-            elif node.__class__ is SumByRule and not factors:
-                self.sums_by_rule.append(node)
-                sums.append((node.repeated(), scale))
             elif kind == NAMED:
                 pending.append((self._content(node), scale, factors))
             elif kind == CONSTANT and not factors:

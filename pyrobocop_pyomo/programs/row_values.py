@@ -22,7 +22,7 @@ from pyrobocop_pyomo.errors import EvaluationError, ModelError
 from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS, CALL
 from pyrobocop_pyomo.modeling.functions import is_function_call
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan
-from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, content_of, follows_rule, sums_of
+from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, RowByRule, content_of, sums_of
 from pyrobocop_pyomo.modeling.shared_nodes import NodeValues, topmost_nodes
 from pyrobocop_pyomo.numerics import Array
 
@@ -44,7 +44,7 @@ class RowValues:
     Parameters
     ----------
     expressions : sequence of expressions, variables or numbers
-        Rows and sums that follow a rule stand for themselves.
+        Rows that follow a rule stand for themselves.
     """
 
     def __init__(self, expressions: Sequence[Any]) -> None:
@@ -57,7 +57,7 @@ class RowValues:
         with PauseGC():
             try:
                 for i, expression in enumerate(expressions):
-                    if not follows_rule(expression):
+                    if expression.__class__ is not RowByRule:
                         self._groups.put(i, NonlinearTerm((expression,)))
                 for repeated in sums_of(expressions):
                     self._put_repeated(repeated)
@@ -150,10 +150,7 @@ class SumValue:
         self._expression = expression
         terms: dict[int, Any] = {}
         for total in topmost_nodes((expression,), _is_long_sum):
-            parts = (
-                [total] if follows_rule(total) else [part for part in total.args if part.__class__ not in native_types]
-            )
-            terms.update(zip(map(id, parts), parts, strict=True))
+            terms |= {id(part): part for part in total.args if part.__class__ not in native_types}
         self._terms = list(terms.values())
         self._values = RowValues(self._terms)
 
@@ -168,7 +165,7 @@ class SumValue:
 
 
 def _is_long_sum(node: Any) -> bool:
-    return follows_rule(node) or (isinstance(node, SumExpression) and node.nargs() >= MANY_TERMS)
+    return isinstance(node, SumExpression) and node.nargs() >= MANY_TERMS
 
 
 class BoundArrays:

@@ -15,7 +15,7 @@ from pyomo.core.base.var import Var
 from pyrobocop_pyomo.complementarity import CanonicalPair, active_sources, canonical_form
 from pyrobocop_pyomo.modeling.expression_bounds import ExpressionBounds
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan, relation_violation
-from pyrobocop_pyomo.modeling.rows_by_rule import bounds_of, content_of, follows_rule, rows_by_component
+from pyrobocop_pyomo.modeling.rows_by_rule import RowByRule, bounds_of, content_of, rows_by_component
 from pyrobocop_pyomo.numerics.rounding import ROUNDING
 from pyrobocop_pyomo.programs.row_values import RowTerms, RowValues, SumValue, VariableBounds
 
@@ -93,7 +93,7 @@ class ModelCheck:
 
     def _row_violations(self) -> NDArray[np.float64]:
         if self._bodies is None:
-            self._bodies = RowValues([row if follows_rule(row) else row.body for row, _ in self._rows])
+            self._bodies = RowValues([row if row.__class__ is RowByRule else row.body for row, _ in self._rows])
         bodies = self._bodies.values()
         # Programs and these arrays ask a rule for all rows at once: some rows speak for themselves.
         for k, body in self._witnesses.items():

@@ -1,4 +1,4 @@
-"""The rows that make a polynomial follow a differential equation, or that carry a state over an element by a map.
+"""The rows that make a polynomial follow a differential equation.
 
 On element ``i`` with width ``h_i``, values ``x_{i,n}`` at the state's nodes (the element start first) and right-hand
 sides ``f_{i,k}`` at the stages, with the matrices ``D`` and ``F`` of the scheme::
@@ -88,29 +88,6 @@ def can_step(scheme: Scheme) -> bool:
     one boundary to the next says nothing.
     """
     return scheme.stages == 1 and scheme.end_is_a_node
-
-
-def step_rows(
-    state: Mapping[float, Any], following: Mapping[float, Any], grid: Grid
-) -> Iterator[tuple[float, tuple[Any, int]]]:
-    """Rows ``x_{i+1} - g_i = 0``, one per element.
-
-    Parameters
-    ----------
-    state : mapping of time to variable
-        The state at every time of the grid.
-    following : mapping of collocation point to expression or number
-        What the state is at the end of the element that the point belongs to.
-    grid : Grid
-        Of a scheme that `can_step`.
-
-    Yields
-    ------
-    (time, row) : tuple
-        The collocation point and ``(body, 0)``, the tuple form of an equality constraint.
-    """
-    for nodes, (stage,) in zip(grid.node_times, grid.stage_times, strict=True):
-        yield stage, (state[nodes[-1]] - following[stage], 0)
 
 
 def quadrature(integrand: Callable[[float], Any], weights: Mapping[float, Any]) -> Any:

@@ -78,14 +78,6 @@ def test_derivatives_by_name_by_number_and_by_neither():
     assert copy.derivative(1.0, 2.0, by="mach") == pytest.approx(2.0)
 
 
-def test_a_derivative_has_the_units_of_a_slope():
-    units = pyo.units
-    way = rcp.Table([0, 1, 2, 3], [0, 1, 4, 9], units=units.m, input_units=[units.s])
-    m = pyo.ConcreteModel()
-    m.t = pyo.Var(initialize=1.0, units=units.s)
-    assert str(units.get_units(way.derivative(m.t))) == "m/s"
-
-
 @given(st.lists(st.floats(0, 5), min_size=len(GRID), max_size=len(GRID)))
 @settings(max_examples=25, deadline=None)
 def test_monotone_data_make_a_monotone_curve(steps):

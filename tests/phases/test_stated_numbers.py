@@ -134,5 +134,3 @@ def test_what_cannot_be_meant_is_refused(declared: Any, message: str) -> None:
 def test_what_a_function_has_said_of_a_time_says_nothing_of_the_one_a_hair_before() -> None:
     jump = FunctionOfTime(lambda t: 1.0 if t < -0.5 else 2.0)
     assert [jump(-0.5), jump(-0.5 - 1e-11), jump(-0.5)] == [2.0, 1.0, 2.0]
-    assert jump.knows(-0.5)
-    assert not jump.knows(0.0)

@@ -11,6 +11,7 @@ from pyomo.mpec import complements as pyomo_complements
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.modeling.row_violations import largest_violation
 from pyrobocop_pyomo.phases.structure import PointStructure, middle_point
 
 
@@ -59,11 +60,14 @@ def test_a_simulation_is_square_and_of_full_rank(scheme: rcp.schemes.Scheme) -> 
     assert len(free_variables(m)) == len(rows(m)) == rank(m)
 
 
-def test_bounds_in_time_hold_where_the_variable_is_asked() -> None:
-    _, b = one_phase(duration=2, elements=2, stages=2, u=rcp.Control(bounds=lambda t: (t, 9 - t)))
-    b.held = rcp.Control(bounds=lambda t: (t, 9 - t), parametrization="piecewise_constant")
-    assert [b.u[t].bounds for t in b.points] == [(t, 9 - t) for t in b.points]
-    assert [variable.bounds for variable in b.held_per_element.values()] == [(1, 8), (2, 7)]
+@pytest.mark.parametrize("duration", [2, rcp.Duration(bounds=(1, 9))])
+def test_bounds_in_time_are_rows_that_follow_the_time(duration: Any) -> None:
+    _, b = one_phase(duration=duration, elements=2, stages=2, u=rcp.Control(bounds=lambda t: (-1, 9 - t)))
+    b.v = rcp.State(index=2, bounds=lambda t: (None, [t, 2 * t]))
+    for variable in (b.u[b.final_time], b.v[1, b.final_time]):
+        variable.set_value(8.0)
+    assert largest_violation(b.u_bounds.values()) == pytest.approx(8.0 - 9.0 + pyo.value(b.duration))
+    assert largest_violation(b.v_1_bounds.values()) == pytest.approx(8.0 - 2 * pyo.value(b.duration))
 
 
 def test_boundary_values_fix_bound_or_leave_free() -> None:

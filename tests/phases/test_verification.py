@@ -64,7 +64,7 @@ def test_re_integration_measures_the_error_of_the_scheme() -> None:
 
 def test_a_relation_with_two_bounds_and_a_side_that_is_a_bound_are_judged() -> None:
     _, b = one_phase(elements=1, scheme="implicit_euler")
-    b.u = rcp.Control(bounds=lambda t: (None, 4 * t), initial_guess=1.5)
+    b.u = rcp.Control(bounds=(None, 4), initial_guess=1.5)
     b.v = rcp.Control(bounds=(-1, None), initial_guess=2)
 
     b.constraint(lambda b, t: pyo.inequality(2, b.u[t], 9), name="window")
@@ -88,7 +88,7 @@ def hand_made() -> Any:
     _, b = one_phase(duration=1, elements=2, scheme="implicit_euler")
     b.x = rcp.State(initial=0, final=(None, 2), bounds=(0, 3), derivative_bounds=(-1, 4))
     b.gap = rcp.Algebraic(bounds=(0, 1))
-    b.force = rcp.Control(bounds=lambda t: (0, 10 * t))
+    b.force = rcp.Control(bounds=(0, 5))
     b.k = rcp.Parameter(bounds=(1, 2), initial_guess=1)
     b.ode(lambda b, t: {b.x: b.k * b.force[t]})
     b.residual(lambda b, t: [b.gap[t] == 0.5], name="height")

@@ -103,11 +103,3 @@ def test_boundaries_that_begin_to_move_change_nothing_where_they_are(elements: i
     b.boundary[1].set_value(0.9 * b.boundary[1].value)
     assert pyo.value(m.area) == pytest.approx(3.0 * HORIZON)
     assert pyo.value(b.time_at(b.grid.mesh.boundaries[1])) < b.grid.mesh.boundaries[1]
-
-
-def test_bounds_that_are_given_by_the_time_of_a_point_cannot_move() -> None:
-    _, b = one_phase("phase", duration=1.0, elements=3, x=rcp.State(bounds=lambda t: (0, 1 + t)))
-    b.ode(lambda b, t: {b.x: 1 - b.x[t]})
-    with pytest.raises(rcp.errors.ModelError, match="bounds of 'x'"):
-        free_element_widths([b], (0.5, 2.0))
-    assert not b.record.free_widths
