@@ -36,14 +36,15 @@ def joining_findings(block: Any) -> Iterator[Finding]:
         return
     joined = _Joined(block, phases)
     for link in links:
-        if left := joined.starts_left_open(link):
+        if left := joined.open_ends(link.second, link.starts_asked_for, first=True):
             yield warning_about(
                 f"link '{link.name}' leaves {quoted(left)} of '{link.second.name}' without a start: it may jump there.",
                 (link.name, link.second.name),
                 f"Give it in states= or jump=, or leave it alone by omit={left[:1]} where that is meant.",
             )
     for second, first in permutations(phases, 2):
-        start, end = joined.open_ends(second, first=True), joined.open_ends(first, first=False)
+        start = joined.open_ends(second, second.record.names_of_states, first=True)
+        end = joined.open_ends(first, first.record.names_of_states, first=False)
         if start and end and not joined.are_one_group(first, second):
             yield warning_about(
                 f"nothing joins the phases '{first.name}' and '{second.name}': no link, no constraint and no pair "
@@ -135,21 +136,13 @@ class _Joined:
         """Whether something joins two phases."""
         return self._root(id(first)) == self._root(id(second))
 
-    def open_ends(self, phase: Any, *, first: bool) -> list[str]:
-        """States that may have any value where the phase starts, or ends: not given, and in no row beside."""
-        ends = {name: self._end(phase, name, first=first) for name in phase.record.names_of_states}
-        held = self._in_others.union(*self._equations)
-        return [name for name, data in ends.items() if data is not None and id(data) not in held]
-
-    def _end(self, phase: Any, name: str, *, first: bool) -> Any:
-        """A state where a phase starts or ends, unless its value is given there."""
-        declaration, variable = phase.record.declarations[name], phase.component(name)
-        given = declaration.initial if first else declaration.final
-        data = variable[phase.initial_time if first else phase.final_time]
-        return None if isinstance(given, tuple) or data.fixed else data
-
-    def starts_left_open(self, link: Any) -> list[str]:
-        """Starts of states behind a link that no equation is left for: one equation gives one of them."""
-        ends = {name: self._end(link.second, name, first=True) for name in link.starts_asked_for}
-        starts = {id(data): name for name, data in ends.items() if data is not None and id(data) not in self._in_others}
-        return [starts[key] for key in Matching(self._equations, starts).unmatched_columns]
+    def open_ends(self, phase: Any, names: Iterable[str], *, first: bool) -> list[str]:
+        """States that may have any value where the phase starts, or ends: an equation beside gives one of them."""
+        ends = {}
+        for name in names:
+            declaration = phase.record.declarations[name]
+            given = declaration.initial if first else declaration.final
+            data = phase.component(name)[phase.initial_time if first else phase.final_time]
+            if not (isinstance(given, tuple) or data.fixed or id(data) in self._in_others):
+                ends[id(data)] = name
+        return [ends[key] for key in Matching(self._equations, ends).unmatched_columns]

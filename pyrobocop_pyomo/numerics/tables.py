@@ -14,7 +14,7 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import EvaluationError, FunctionError
 from pyrobocop_pyomo.modeling.functions import Function
-from pyrobocop_pyomo.optional_imports import scipy
+from pyrobocop_pyomo.optional_imports import pandas, scipy
 
 from .arrays import Array, finite_numbers, increasing_numbers
 
@@ -287,7 +287,7 @@ class Table(_Spline):
 
     @classmethod
     def from_csv(cls, path: str | Path, **options: Any) -> Table:
-        """A table in a file of comma-separated values.
+        """A table in a file of comma-separated values, which pandas reads.
 
         Parameters
         ----------
@@ -302,18 +302,8 @@ class Table(_Spline):
         FunctionError
             Naming the entry that is no number.
         """
-        path = Path(path)
-        try:
-            rows = np.loadtxt(path, str, delimiter=",", comments=None, quotechar='"', ndmin=2, encoding="utf-8")
-            if rows.shape[0] < 2 or rows.shape[1] < 2:
-                raise ValueError("a table has at least two columns, and rows below that of the titles")
-            has_two = rows.shape[1] > 2
-            grids = [rows[1:, 0], rows[0, 1:]] if has_two else [rows[1:, 0]]
-            values = rows[1:, 1:] if has_two else rows[1:, 1]
-            grids_and_values = [np.asarray(cells, dtype=float) for cells in (*grids, values)]
-        except ValueError as error:
-            raise FunctionError(f"'{path}': {error}.") from None
-        return cls(*grids_and_values, **{"name": path.stem, **options})
+        frame = pandas.read_csv(path, index_col=0)
+        return cls(frame.squeeze("columns"), **{"name": Path(path).stem, **options})
 
 
 def _is_numeric_array(argument: Any) -> bool:
