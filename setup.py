@@ -1,8 +1,8 @@
 """What setup.cfg cannot say: how C parts are compiled, what such a wheel is called, where the links of README.md lead.
 
-Whoever installs from source compiles the libraries in place, unless PYROBOCOP_NATIVE is "off" or there is no compiler:
-then NumPy does what they would do. They are loaded by ctypes and know nothing of Python: a wheel with them is for one
-platform and any Python 3.
+Whoever installs from source compiles the libraries, unless PYROBOCOP_NATIVE is "off" or there is no compiler: then
+NumPy does what they would do. In a clone that is ``python setup.py build_ext --inplace``. They are loaded by ctypes and
+know nothing of Python: a wheel with them is for one platform and any Python 3.
 
 README.md has relative links, which lead nowhere on a package index. Where PYROBOCOP_REPOSITORY is the address of the
 repository, as in the release workflow, they lead to the files there that have the tag of this version.
@@ -14,8 +14,9 @@ import runpy
 import sys
 from pathlib import Path
 
-from setuptools import Distribution, setup
+from setuptools import Distribution, Extension, setup
 from setuptools.command.bdist_wheel import bdist_wheel
+from setuptools.command.build_ext import build_ext
 
 REPOSITORY = os.environ.get("PYROBOCOP_REPOSITORY", "").rstrip("/")
 # Code stays as it is; of what follows "](", neither addresses with a scheme nor anchors of the page are relative.
@@ -35,19 +36,35 @@ def absolute_links(text: str, repository: str, tag: str) -> str:
     return CODE_OR_LINK.sub(absolute, text)
 
 
-def compile_libraries() -> None:
-    """Put the libraries beside their sources, or say why there are none."""
-    native = runpy.run_path("pyrobocop_pyomo/native/shared_library.py")
-    for name in native["LIBRARIES"] if native["native_allowed"]() else ():
-        try:
-            native["compile_library"](name)
-        except OSError as error:
-            sys.stderr.write(f"without the compiled part '{name}': {error}\n")
+ROOT = Path(__file__).absolute().parent
+NATIVE = runpy.run_path(str(ROOT / "pyrobocop_pyomo" / "native" / "shared_library.py"))
 
 
-def compiled_libraries() -> list[Path]:
-    """What a wheel takes along."""
-    return [path for kind in ("so", "dylib", "dll") for path in Path("pyrobocop_pyomo").rglob(f"*.{kind}")]
+def libraries() -> list[Extension]:
+    """The libraries beside their sources; where one cannot be compiled, the package is installed without it."""
+    found = []
+    for name in NATIVE["LIBRARIES"] if NATIVE["native_allowed"]() else ():
+        files = [path.relative_to(ROOT) for path in NATIVE["library_sources"](name)]
+        sources, headers = ([path.as_posix() for path in files if path.suffix == kind] for kind in (".c", ".h"))
+        package = ".".join(files[0].parent.parts)
+        flags = [flag for flag in NATIVE["FLAGS"] if flag not in ("-fPIC", "-shared")]
+        mathematics = [] if sys.platform == "win32" else ["m"]
+        options = {"depends": headers, "libraries": mathematics, "extra_compile_args": flags}
+        found.append(Extension(f"{package}.{name}", sources, optional=True, **options))
+    return found
+
+
+class CompiledLibraries(build_ext):
+    """Libraries for ctypes, which know nothing of Python."""
+
+    def get_ext_filename(self, fullname: str) -> str:
+        """See the base class."""
+        *packages, name = fullname.split(".")
+        return os.path.join(*packages, NATIVE["library_file"](name).name)
+
+    def get_export_symbols(self, ext: Extension) -> list[str]:
+        """See the base class."""
+        return []
 
 
 class PlatformWheel(bdist_wheel):
@@ -59,11 +76,7 @@ class PlatformWheel(bdist_wheel):
 
 
 class Package(Distribution):
-    """What setup.cfg says, with compiled libraries and addresses."""
-
-    def has_ext_modules(self) -> bool:
-        """Whether the files go where compiled ones do."""
-        return bool(compiled_libraries())
+    """What setup.cfg says, with addresses."""
 
     def parse_config_files(self, *arguments: object, **options: object) -> None:
         """See the base class."""
@@ -80,6 +93,8 @@ class Package(Distribution):
 
 
 if __name__ == "__main__":
-    if {"bdist_wheel", "editable_wheel"} & set(sys.argv):
-        compile_libraries()
-    setup(distclass=Package, cmdclass={"bdist_wheel": PlatformWheel} if compiled_libraries() else {})
+    setup(
+        distclass=Package,
+        ext_modules=libraries(),
+        cmdclass={"build_ext": CompiledLibraries, **({"bdist_wheel": PlatformWheel} if libraries() else {})},
+    )

@@ -13,10 +13,9 @@ by whatever solver, used in further rows, and fixed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
-import numpy as np
 from pyomo.common.collections import ComponentMap
 from pyomo.common.modeling import unique_component_name
 from pyomo.core.base.block import Block
@@ -34,7 +33,6 @@ from pyrobocop_pyomo.modeling.bulk_parts import new_row, put_part
 from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.transcription import collocation_rows, continuity_rows
 
-from .expansion import set_initial_value
 from .record import Discretisation, open_sets
 from .structure import PAIRS, Axis, Spot, axes_of, axis_on, continuous_sets, row_variables, variables_of_row
 
@@ -53,25 +51,17 @@ def derivatives_along(spots: list[Spot], domain: Any) -> list[tuple[Any, dict[in
     return list(found.values())
 
 
-def add_collocation(discretisation: Discretisation, spots: list[Spot], alone: bool = False) -> None:
-    """Add the rows of every derivative along a set, beside the derivative.
-
-    Parameters
-    ----------
-    alone : bool
-        Whether no other set is discretised. Nobody then reads the rows before `finish_rows`, which writes those that no
-        substitution has written before.
-    """
+def add_collocation(discretisation: Discretisation, spots: list[Spot]) -> None:
+    """Add what holds the rows of every derivative along a set, beside the derivative; `write_rows` fills it."""
     homes: dict[int, Any] = {}
-    discretisation.states, discretisation.derivatives, discretisation.rows = [], [], ComponentMap()
-    discretisation.joints.clear()
+    discretisation.states.clear()
     for variable, by_order in derivatives_along(spots, discretisation.domain):
         levels = [variable]
         for order in range(1, max(by_order) + 1):
             nearest = by_order[min(known for known in by_order if known >= order)]
             home = _home(discretisation, nearest.parent_block(), homes)
             levels.append(by_order[order] if order in by_order else _between(home, variable, nearest, order))
-            _add_rows(home, levels[-2], levels[-1], discretisation, alone)
+            _add_rows(home, levels[-2], levels[-1], discretisation)
             discretisation.states.append(levels[-2])
             discretisation.derivatives.append((levels[-2], levels[-1]))
 
@@ -102,28 +92,15 @@ def _between(home: Any, variable: Any, derivative: Any, order: int) -> Any:
     return added
 
 
-def _add_rows(home: Any, state: Any, rate: Any, discretisation: Discretisation, alone: bool) -> None:
+def _add_rows(home: Any, state: Any, rate: Any, discretisation: Discretisation) -> None:
     grid, axis = discretisation.grid, axis_on(rate, discretisation.domain)
     assert axis is not None
-    lines = _others(rate, axis, grid.times[0])
     names = [rate.local_name] if grid.scheme.end_is_a_node else [rate.local_name, f"{state.local_name}_continuity"]
-    for name in names:
-        rows = Constraint(rate.index_set())
+    discretisation.rows[rate] = [Constraint(rate.index_set()) for _ in names]
+    for name, rows in zip(names, discretisation.rows[rate], strict=True):
         home.add_component(unique_component_name(home, name), rows)
-        line_rows = LineRows(state, rate, grid, axis, name != names[0])
-        if name != names[0]:
-            discretisation.joints.append((state, rows))
-        else:
-            discretisation.rows[rate] = rows
-        if not alone or name != names[0]:
-            for others in lines:
-                line_rows.write(rows, others)
         # Where pyomo.dae discretises another set later, it asks a rule for rows on the new lines.
-        rows._rule = Initializer(line_rows)
-    for others in lines:
-        _initialise_rates(
-            _along(state, axis, others, grid.times), _along(rate, axis, others, grid.points), discretisation
-        )
+        rows._rule = Initializer(LineRows(state, rate, grid, axis, name != names[0]))
 
 
 class LineRows:
@@ -131,7 +108,8 @@ class LineRows:
 
     Parameters
     ----------
-    state, rate : Var
+    state : Var
+    rate : Var
     grid : Grid
     axis : Axis
         Of the set that the grid is on.
@@ -143,19 +121,14 @@ class LineRows:
         self._state, self._rate, self._grid, self._axis, self._are_joints = state, rate, grid, axis, are_joints
         self._line: tuple[Any, dict[float, Any]] = (self, {})
 
-    def of(self, others: Any, rates: Mapping[float, Any] | None = None) -> Iterable[tuple[float, Any]]:
-        """Time and row of each, with other expressions in place of the derivative where they are given."""
-        states = _along(self._state, self._axis, others, self._grid.times)
+    def of(self, others: Any, sides: Any = None) -> Iterable[tuple[float, Any]]:
+        """Time and row of each, with right-hand sides in place of the derivative where they are given."""
+        states = {time: self._state[self._axis.join(others, time)] for time in self._grid.times}
         if self._are_joints:
             return continuity_rows(states, self._grid)
-        if rates is None:
-            rates = _along(self._rate, self._axis, others, self._grid.points)
+        of_rate = self._rate if sides is None else sides
+        rates = {time: of_rate[self._axis.join(others, time)] for time in self._grid.points}
         return collocation_rows(states, rates, self._grid, _widths(self._state, self._rate, self._grid))
-
-    def write(self, rows: Any, others: Any, rates: Mapping[float, Any] | None = None) -> None:
-        """Put them into a constraint."""
-        for time, row in self.of(others, rates):
-            new_row(rows, self._axis.join(others, time), row)
 
     def __call__(self, block: Any, *index: Any) -> Any:
         """As the rule of the constraint, for indices of another set that are new."""
@@ -165,37 +138,17 @@ class LineRows:
         return self._line[1].get(time, Constraint.Skip)
 
 
-def rewrite_rows(discretisation: Discretisation, state: Any, rate: Any, sides: Mapping[Any, Any]) -> Any:
-    """Write the rows of a derivative anew with the right-hand sides in its place; returns the block of the rows."""
-    grid, axis, rows = discretisation.grid, axis_on(rate, discretisation.domain), discretisation.rows[rate]
-    assert axis is not None
-    # Where there are several sets, those that would hold absent values are gone already.
-    holding = set(rows)
-    rows.clear()
-    line_rows = LineRows(state, rate, grid, axis, False)
-    for others in dict.fromkeys(axis.others(index) for index in sides):
-        line_rows.write(rows, others, {time: sides[axis.join(others, time)] for time in grid.points})
-    for index in [index for index in rows if holding and index not in holding]:
-        del rows[index]
-    return rows.parent_block()
-
-
-def finish_rows(discretisation: Discretisation) -> None:
-    """Write the rows that `add_collocation` has left out and no substitution has written."""
+def write_rows(discretisation: Discretisation, sides: Mapping[Any, Mapping[Any, Any]]) -> None:
+    """Write the rows of all derivatives, with right-hand sides in the place of those that have some."""
     for state, rate in discretisation.derivatives:
-        if not discretisation.rows[rate]:
-            rewrite_rows(discretisation, state, rate, rate)
-
-
-def _others(component: Any, axis: Axis, time: float) -> list[Any]:
-    return [axis.others(index) for index in component if axis.time(index) == time]
-
-
-def _along(component: Any, axis: Axis, others: Any, times: tuple[float, ...]) -> dict[float, Any]:
-    look_up: Callable[[Any], Any] = component.__getitem__
-    if not component.is_reference():
-        look_up = component._data.__getitem__  # a tenth of the time
-    return {time: look_up(axis.join(others, time)) for time in times}
+        axis = axis_on(rate, discretisation.domain)
+        assert axis is not None
+        lines = [axis.others(index) for index in rate if axis.time(index) == discretisation.grid.times[0]]
+        for number, rows in enumerate(discretisation.rows[rate]):
+            line_rows = LineRows(state, rate, discretisation.grid, axis, number == 1)
+            for others in lines:
+                for time, row in line_rows.of(others, sides.get(rate)):
+                    new_row(rows, axis.join(others, time), row)
 
 
 def _widths(state: Any, rate: Any, grid: Grid) -> list[Any]:
@@ -208,27 +161,10 @@ def _widths(state: Any, rate: Any, grid: Grid) -> list[Any]:
     return [width * unit for width in widths]
 
 
-def _initialise_rates(states: dict[float, Any], rates: dict[float, Any], discretisation: Discretisation) -> None:
-    """Give derivatives without a value the slopes of their states' initial values."""
-    if any(variable.value is not None or variable.fixed for variable in rates.values()) or any(
-        variable.value is None for variable in states.values()
-    ):
-        return
-    grid, scheme = discretisation.grid, discretisation.grid.scheme
-    if isinstance(next(iter(rates.values())).parent_component(), DerivativeVar):
-        discretisation.before += [(rate, None) for rate in rates.values()]
-    values = np.array([[states[time].value for time in nodes] for nodes in grid.node_times])
-    increments = scheme.D @ (values / grid.mesh.widths[:, None]).T
-    slopes = np.linalg.lstsq(scheme.F, increments, rcond=None)[0].T
-    for stages, row in zip(grid.stage_times, slopes.tolist(), strict=True):
-        for time, slope in zip(stages, row, strict=True):
-            set_initial_value(rates[time], slope)
-
-
-def explicit_candidates(discretisation: Discretisation, open_ids: set[int]) -> dict[int, Any]:
-    """The derivatives that a right-hand side may replace, by their ids."""
-    states = discretisation.state_ids()
-    return {
+def substitute_derivatives(discretisation: Discretisation, found: list[Spot]) -> Mapping[Any, Mapping[Any, Any]]:
+    """Replace all derivatives that are given explicitly; returns their right-hand sides, by derivative and index."""
+    open_ids, states = open_sets(continuous_sets(found)), discretisation.state_ids()
+    candidates = {
         id(data): data
         for _, derivative in discretisation.derivatives
         if isinstance(derivative, DerivativeVar) and not derivative.is_reference()
@@ -238,21 +174,14 @@ def explicit_candidates(discretisation: Discretisation, open_ids: set[int]) -> d
         if data.lower is None and data.upper is None and not (data.fixed and data.value is None)
         if id(data) not in states
     }
-
-
-def substitute_derivatives(discretisation: Discretisation, found: list[Spot]) -> None:
-    """Replace all derivatives that are given explicitly by their right-hand sides."""
-    candidates = explicit_candidates(discretisation, open_sets(continuous_sets(found)))
-    own = {id(rows) for rows in discretisation.generated_constraints()}
-    explicit = _explicit_rows(found, candidates, own)
-    for state, derivative in list(discretisation.derivatives):
+    explicit = _explicit_rows(found, candidates)
+    sides = ComponentMap()
+    for _, derivative in discretisation.derivatives:
         needed = [data for data in derivative.values() if not (data.fixed and data.value is None)]
-        if (
-            needed
-            and all(id(data) in explicit for data in needed)
-            and _has_whole_lines(discretisation, derivative, needed)
-        ):
-            _substitute(discretisation, state, derivative, needed, explicit)
+        if needed and all(id(data) in explicit for data in needed):
+            sides[derivative] = {data.index(): explicit[id(data)][1] for data in needed}
+            _substitute(discretisation, derivative, needed, explicit)
+    return sides
 
 
 def restore_derivatives(discretisation: Discretisation) -> None:
@@ -267,17 +196,13 @@ def restore_derivatives(discretisation: Discretisation) -> None:
     discretisation.substitutions.clear()
 
 
-def _explicit_rows(found: list[Spot], candidates: dict[int, Any], own: set[int]) -> dict[int, tuple[Any, Any]]:
+def _explicit_rows(found: list[Spot], candidates: dict[int, Any]) -> dict[int, tuple[Any, Any]]:
     """The row and the right-hand side of each candidate that one row gives and nothing else holds."""
     explicit: dict[int, tuple[Any, Any]] = {}
     elsewhere: set[int] = set()
     for spot in found:
         component = spot.component
-        if (
-            not spot.active
-            or component.ctype not in (Constraint, Objective, Expression, *PAIRS)
-            or id(component) in own
-        ):
+        if not spot.active or component.ctype not in (Constraint, Objective, Expression, *PAIRS):
             continue
         unconditional = not any(block.ctype is Disjunct for block in enclosing_blocks(component))
         parts = [data for data in component.values() if component.ctype is Expression or data.active]
@@ -294,29 +219,16 @@ def _explicit_rows(found: list[Spot], candidates: dict[int, Any], own: set[int])
     return {key: value for key, value in explicit.items() if key not in elsewhere}
 
 
-def _has_whole_lines(discretisation: Discretisation, derivative: Any, needed: list[Any]) -> bool:
-    """Whether lines along the set have all collocation points: at the start of another set, some may be missing."""
-    axis = axis_on(derivative, discretisation.domain)
-    assert axis is not None
-    lines: dict[Any, set[float]] = {}
-    for data in needed:
-        lines.setdefault(axis.others(data.index()), set()).add(axis.time(data.index()))
-    return all(times.issuperset(discretisation.grid.points) for times in lines.values())
-
-
 def _substitute(
-    discretisation: Discretisation, state: Any, derivative: Any, needed: list[Any], explicit: dict[int, tuple[Any, Any]]
+    discretisation: Discretisation, derivative: Any, needed: list[Any], explicit: dict[int, tuple[Any, Any]]
 ) -> None:
-    home = rewrite_rows(discretisation, state, derivative, {data.index(): explicit[id(data)][1] for data in needed})
+    home = discretisation.rows[derivative][0].parent_block()
     parent, name = derivative.parent_block(), derivative.local_name
     parent.del_component(derivative)
-    aside = home.component("replaced")
-    if aside is None:
-        # Not active: whoever writes the values of a model would ask for those of these variables too.
-        aside = Block(concrete=True)
-        home.add_component("replaced", aside)
-        aside.deactivate()
-    aside.add_component(name if aside.component(name) is None else unique_component_name(aside, name), derivative)
+    aside = Block(concrete=True)
+    home.add_component(unique_component_name(home, "replaced"), aside)
+    aside.deactivate()  # whoever writes the values of a model would ask for those of these variables too
+    aside.add_component(name, derivative)
     expression = Expression(derivative.index_set())
     parent.add_component(name, expression)
     for data in needed:  # the indices are those of the derivative

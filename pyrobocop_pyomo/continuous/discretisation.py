@@ -19,10 +19,10 @@ from pyrobocop_pyomo.transcription import quadrature
 from .derivatives import (
     add_collocation,
     derivatives_along,
-    finish_rows,
     remove_collocation,
     restore_derivatives,
     substitute_derivatives,
+    write_rows,
 )
 from .expansion import Family, expand, refuse_what_cannot_grow
 from .holding_rows import HoldingRows, undecided_parts
@@ -36,7 +36,7 @@ DAE_NAMES = {"radau": "LAGRANGE-RADAU", "gauss": "LAGRANGE-LEGENDRE"}
 
 
 def discretise(
-    domain: Any, points: tuple[float, ...], grid: Grid, substitutes: bool = True, previous: PreviousValues | None = None
+    domain: Any, points: tuple[float, ...], grid: Grid, previous: PreviousValues | None = None
 ) -> Discretisation:
     """Discretise one continuous set, afresh where it was discretised; on failure it is not, and all else as it was.
 
@@ -47,45 +47,17 @@ def discretise(
         The points that the set has.
     grid : Grid
         On a mesh with all of these points.
-    substitutes : bool
-        Whether right-hand sides take the place of derivatives.
     previous : PreviousValues, optional
         Values to start from.
     """
     for current in discretisations_of([domain]):
         undo_discretisation(current)
-    others = discretisations_on(domain.model())
-    for other in others:
-        restore_derivatives(other)
-        remove_collocation(other)  # they would need rows at points that are new
-    with undone_on_failure(lambda: rebuild_rows(others)):
-        return _discretise(domain, points, grid, substitutes, previous)
-
-
-def rebuild_rows(others: list[Discretisation]) -> None:
-    """Build the rows of discretised sets for the points that the model has now; `finalise` substitutes again."""
-    for other in others:
-        restore_derivatives(other)
-        remove_collocation(other)
-    for other in others:
-        add_collocation(other, list(spots(other.domain.model())))
-        add_shown_values(other)
-
-
-def discretisations_on(root: Any) -> list[Discretisation]:
-    """The discretisations of all sets of a model."""
-    return list(discretisations_of(continuous_sets(list(spots(root)))))
-
-
-def _discretise(
-    domain: Any, points: tuple[float, ...], grid: Grid, substitutes: bool, previous: PreviousValues | None
-) -> Discretisation:
     root = domain.model()
     found = list(spots(root))
     refuse_what_cannot_grow(found, domain)
     possible_sums = find_possible_sums(found, domain)
-    discretisation = Discretisation(domain, grid, points, substitutes)
-    integrals = [spot.component for spot in found if isinstance(spot.component, Integral)]
+    discretisation = Discretisation(domain, grid, points)
+    integrals = integrals_along(found, domain)
     for integral in integrals:
         remember_integrand(integral)
     discretisation.formulas = [(data, data.expr) for integral in integrals for data in integral.values()]
@@ -96,36 +68,38 @@ def _discretise(
         found = list(spots(root))
         _inherit(found, discretisation)
         discretisations_beside(domain)[domain] = discretisation
-        everything = discretisations_on(root)
-        for one in everything:
-            add_collocation(one, found, alone=len(everything) == 1)
+        add_collocation(discretisation, found)
         if previous is not None:
             previous.give_to(list(spots(root)), discretisation)
-        for one in everything:
-            for integral in integrals_along(found, one.domain):
-                integrate(integral, one)
+        for integral in integrals_along(found, domain):
+            integrate(integral, discretisation)
         for possible_sum in possible_sums:
             check_possible_sum(*possible_sum, domain)
-        rows = HoldingRows(list(spots(root)), everything)
-        rows.deactivate_rows(discretisation.deactivated)
-        _show_values(root, rows, discretisation, {id(block) for one in everything for block in one.generated})
+        rows = HoldingRows(list(spots(root)), discretisation)
+        rows.deactivate_rows()
+        _show_values(root, rows, discretisation)
         _mark_pairs(found, discretisation)
     return discretisation
 
 
-def _show_values(root: Any, rows: HoldingRows, discretisation: Discretisation, added: set[int]) -> None:
+def discretisations_on(root: Any) -> list[Discretisation]:
+    """The discretisations of all sets of a model."""
+    return list(discretisations_of(continuous_sets(list(spots(root)))))
+
+
+def _show_values(root: Any, rows: HoldingRows, discretisation: Discretisation) -> None:
     """Give values to variables without one, as far as that restricts nothing else; fix the others to None."""
     absent = rows.absent
     in_pairs = absent.keys() & {key for _, ids in rows.first_pairs for key in ids}
     alone = {key: place for key, place in absent.items() if key not in in_pairs}
-    sources = find_shown_values(list(spots(root)), alone, rows.used - in_pairs)
+    sources = find_shown_values(list(spots(root)), alone, rows.used - in_pairs, discretisation)
     definitions = find_definitions([row for row, _ in rows.undetermined], absent, sources)
     hold = {id(row): row for row in definitions.values()}
     parts = undecided_parts(rows.undetermined, absent.keys())
     for part, ids in parts:
         if hold.keys() >= set(map(id, part)) and rows.asked_for.isdisjoint(ids):
             continue  # with the values that controls show
-        if all(rows.is_first(*absent[key][1:]) for key in ids):
+        if all(rows.is_first(absent[key][1]) for key in ids):
             # The model may fix later what is left to choose, and an implicit equation of derivatives gives them.
             hold.update((id(row), row) for row in part)
             for key in rows.given_by_shown_values(part, ids, sources.keys(), definitions) or ids:
@@ -141,10 +115,9 @@ def _show_values(root: Any, rows: HoldingRows, discretisation: Discretisation, a
     shown = {key: pair for key, pair in sources.items() if key in absent and key not in definitions}
     following = {key: rows.what_follows(part, ids - shown.keys()) for part, ids in parts for key in ids & shown.keys()}
     discretisation.shown = [(*pair, following.get(key, ())) for key, pair in shown.items()]
-    discretisation.before += [
-        (data, data.value) for data, _, _ in absent.values() if id(data.parent_block()) not in added
-    ]
-    for data, _, _ in absent.values():
+    added = {id(block) for block in discretisation.generated}
+    discretisation.before += [(data, data.value) for data, _ in absent.values() if id(data.parent_block()) not in added]
+    for data, _ in absent.values():
         data.unfix()
     clear({key: place for key, place in absent.items() if key not in definitions and key not in sources})
     add_shown_values(discretisation)
@@ -196,15 +169,12 @@ def _mark_pairs(found: list[Spot], discretisation: Discretisation) -> None:
         if spot.component.ctype is not Complementarity:
             continue
         for family, time, data in spot.members_along(discretisation.domain):
-            if time not in elements and data.active and spot.component._group_rule is None:
-                data.set_group(0)  # at the first point, which no quadrature weighs
-            if time in elements:
-                if spot.component._group_rule is None:
-                    data.set_group(elements[time])
-                if spot.component._family_rule is None:
-                    data.set_family(family[-1][1])
-                if spot.component._weight_rule is None:
-                    data.set_weight(weights[time])
+            if spot.component._group_rule is None and (time in elements or data.active):
+                data.set_group(elements.get(time, 0))  # at the first point, which no quadrature weighs, 0
+            if spot.component._family_rule is None and time in elements:
+                data.set_family(family[-1][1])
+            if spot.component._weight_rule is None and time in elements:
+                data.set_weight(weights[time])
 
 
 def _itself(component: Any) -> Any:
@@ -214,11 +184,8 @@ def _itself(component: Any) -> Any:
 def finalise(discretisation: Discretisation) -> None:
     """The last steps, which cannot fail: substitute, and leave the rest as pyomo.dae does for its own tools."""
     domain, scheme = discretisation.domain, discretisation.grid.scheme
-    if discretisation.substitutes and not discretisation.substitutions:
-        substitute_derivatives(discretisation, list(spots(domain.model())))
-    if len(discretisations_on(domain.model())) == 1:
-        finish_rows(discretisation)
     found = list(spots(domain.model()))
+    write_rows(discretisation, substitute_derivatives(discretisation, found))
     family = scheme.name.split("(")[0]
     domain.set_changed(True)
     domain.get_discretization_info().update(

@@ -24,14 +24,13 @@ from pyomo.core.base.param import Param
 from pyomo.core.base.piecewise import Piecewise
 from pyomo.core.base.set import Set, SetOf
 from pyomo.core.base.suffix import Suffix
-from pyomo.core.base.var import Var, VarData
-from pyomo.core.expr.numvalue import native_numeric_types, value
+from pyomo.core.base.var import Var
+from pyomo.core.expr.numvalue import NumericValue, native_numeric_types, value
 from pyomo.dae import DerivativeVar, Integral
 from pyomo.mpec import Complementarity as MpecComplementarity
 
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.modeling.bulk_parts import copy_variable
 from pyrobocop_pyomo.modeling.failures import failures_as
 from pyrobocop_pyomo.modeling.variable_values import within_bounds
 
@@ -90,18 +89,11 @@ def expand(spots: list[Spot], domain: Any) -> None:
                 getattr(data, "active", True) for data in component._data.values()
             )
             # The index set does not change in this loop: no rule of a model adds points.
-            missing = [
-                index
-                for index in component.index_set()
-                if index not in component._data and (ctype is not Var or axis.others(index) in known)
-            ]
-            alike = 1 if ctype in (Var, DerivativeVar) and _says_the_same_everywhere(component) else len(missing)
-            for index in missing[:alike]:
+            for index in component.index_set():
+                if index in component._data or (ctype is Var and axis.others(index) not in known):
+                    continue
                 with failures_as(ModelError, f"'{component.name}': its rule failed at the new point {index}"):
                     _make(component, index)
-            if missing[alike:]:
-                copy_variable(component._data[missing[0]], missing[alike:])
-            for index in missing:
                 if all_inactive and index in component._data:
                     component._data[index].deactivate()
 
@@ -109,8 +101,6 @@ def expand(spots: list[Spot], domain: Any) -> None:
 def _make(component: Any, index: Any) -> None:
     """Make what the declaration says at a point, as Pyomo does; it may say nothing there."""
     ctype = component.ctype
-    if index in component._data:
-        return
     if isinstance(component, Piecewise):
         component.add(index)
     elif ctype is Param:
@@ -139,12 +129,6 @@ def _parameter(component: Any, index: Any) -> None:
         component._setitem_when_not_present(index, value)
     finally:
         component._constructed = True
-
-
-def _says_the_same_everywhere(component: Any) -> bool:
-    """Whether the declaration of a variable has no rule that looks at the index."""
-    rules = component._rule_init, component._rule_bounds, component._rule_domain
-    return component._ComponentDataClass is VarData and all(rule is None or rule.constant() for rule in rules)
 
 
 def _variable(component: Any, index: Any) -> None:
@@ -278,23 +262,15 @@ def set_initial_value(data: Any, number: float) -> None:
 
 
 def _same(one: Any, other: Any) -> bool:
-    if one is other:
-        return True
-    if one is None or other is None:
-        return _infinite(one) and _infinite(other)
-    try:
-        return bool(value(one, exception=False) == value(other, exception=False)) and _numeric(one) == _numeric(other)
-    except (TypeError, AttributeError):
-        return False
+    return one is other or bool(_comparable(one) == _comparable(other))
 
 
-def _infinite(bound: Any) -> bool:
-    return bound is None or (_numeric(bound) and bound in (float("inf"), float("-inf")))
-
-
-def _numeric(bound: Any) -> bool:
-    return bound.__class__ in native_numeric_types
+def _comparable(bound: Any) -> Any:
+    """A number, None where it is infinite; an expression by its value, which is no number that was given."""
+    if bound.__class__ in native_numeric_types:
+        return None if abs(bound) == float("inf") else bound
+    return ("expression", value(bound, exception=False)) if isinstance(bound, NumericValue) else bound
 
 
 def _text(given: Any) -> str:
-    return f"{given:g}" if _numeric(given) else str(given)
+    return f"{given:g}" if given.__class__ in native_numeric_types else str(given)

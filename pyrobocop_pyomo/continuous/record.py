@@ -8,7 +8,6 @@ from typing import Any
 
 from pyomo.common.collections import ComponentMap
 from pyomo.core.base.block import Block
-from pyomo.core.base.constraint import Constraint
 
 from pyrobocop_pyomo.numerics import Grid
 
@@ -23,8 +22,6 @@ class Discretisation:
     grid : Grid
     points : tuple of float
         The points that the set had before.
-    substitutes : bool
-        Whether right-hand sides take the place of derivatives.
     generated : list of Block
         Blocks with the collocation rows, one beside each group of derivatives.
     deactivated : list of component data
@@ -43,15 +40,13 @@ class Discretisation:
     derivatives : list of (Var, Var)
         Each state with the variable that is its derivative.
     rows : ComponentMap
-        From each derivative to its collocation rows.
-    joints : list of (Var, Constraint)
-        Each state with the rows at element ends, for schemes whose last stage is not the end.
+        From each derivative to its collocation rows; for schemes whose last stage is not the end, also to those at
+        element ends.
     """
 
     domain: Any
     grid: Grid
     points: tuple[float, ...]
-    substitutes: bool = True
     generated: list[Any] = field(default_factory=list)
     deactivated: list[Any] = field(default_factory=list)
     before: list[tuple[Any, float | None]] = field(default_factory=list)
@@ -61,16 +56,10 @@ class Discretisation:
     states: list[Any] = field(default_factory=list)
     derivatives: list[tuple[Any, Any]] = field(default_factory=list)
     rows: Any = field(default_factory=ComponentMap)
-    joints: list[tuple[Any, Any]] = field(default_factory=list)
 
     def state_ids(self) -> set[int]:
         """The ids of all variables that have a value at every time of the set."""
         return {id(data) for state in self.states for data in state.values()}
-
-    def generated_constraints(self) -> Iterator[Any]:
-        """The generated constraints of the set."""
-        for block in self.generated:
-            yield from block.component_map(Constraint).values()
 
 
 # Private data of the block on which continuous sets live; follows clones and pickles.

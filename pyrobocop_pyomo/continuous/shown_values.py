@@ -18,7 +18,6 @@ from typing import Any
 from pyomo.common.modeling import unique_component_name
 from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint, ConstraintData
-from pyomo.core.base.var import Var
 from pyomo.core.expr import LinearExpression
 from pyomo.core.expr.numvalue import value
 from pyomo.dae import DerivativeVar
@@ -26,10 +25,10 @@ from pyomo.dae import DerivativeVar
 from pyrobocop_pyomo.modeling.bulk_parts import put_part
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 
-from .record import Discretisation, discretisation_of
-from .structure import Spot, axes_of, row_variables
-
-Absent = dict[int, tuple[Any, Any, float]]
+from .holding_rows import Absent
+from .record import Discretisation
+from .structure import Spot, row_variables
+from .values import families
 
 
 class ShownValue(ConstraintData):
@@ -60,42 +59,33 @@ class ShownValue(ConstraintData):
         return not any(variable.fixed and variable.value is not None for variable in self._following)
 
 
-def find_shown_values(spots: list[Spot], absent: Absent, used: set[int]) -> dict[int, tuple[Any, Any]]:
+def find_shown_values(
+    spots: list[Spot], absent: Absent, used: set[int], discretisation: Discretisation
+) -> dict[int, tuple[Any, Any]]:
     """Find values to show for variables that have none.
 
     Parameters
     ----------
     spots : list of Spot
-    absent : dict of id to (variable, ContinuousSet, point)
+    absent : dict of id to (variable, point)
     used : set of int
         Ids of the variables in rows that hold.
+    discretisation : Discretisation
 
     Returns
     -------
     dict of id to (variable, variable)
         Each with the one whose value it can have.
     """
-    along: dict[Any, dict[Any, Any]] = {}
-    places: list[tuple[Any, Any, Any]] = []
-    for spot in spots:
-        component = spot.component
-        # What was a DerivativeVar is a Var once its sets are discretised.
-        if component.ctype is not Var or isinstance(component, DerivativeVar) or component.is_reference():
-            continue
-        axes = axes_of(component)
-        if not axes and not spot.outer:
-            continue
-        for index, data in component.items():
-            points = spot.points(index, axes)
-            members = along.setdefault(spot.family(index, axes), {})
-            members[tuple(point for _, point in points)] = data
-            if id(data) in absent:
-                places.append((data, members, tuple(_nearest(*point) for point in points)))
-    found = {}
-    for data, members, where in places:
-        source = members.get(where)
-        if source is not None and id(source) in used and id(source) not in absent and _allows(data, source):
-            found[id(data)] = (data, source)
+    found, points = {}, discretisation.grid.points
+    for _, _, along in families(spots, discretisation):
+        for time, data in along.items():
+            # What was a DerivativeVar is a Var once its sets are discretised.
+            if id(data) not in absent or isinstance(data.parent_component(), DerivativeVar):
+                continue
+            source = along.get(max((point for point in points if point < time), default=points[0]))
+            if source is not None and id(source) in used and id(source) not in absent and _allows(data, source):
+                found[id(data)] = (data, source)
     return found
 
 
@@ -106,7 +96,7 @@ def find_definitions(rows: Iterable[Any], absent: Absent, sources: dict[int, Any
     ----------
     rows : iterable of ConstraintData
         Equations that do not hold because variables of theirs are absent.
-    absent : dict of id to (variable, ContinuousSet, point)
+    absent : dict of id to (variable, point)
     sources : dict of id to (variable, variable)
 
     Returns
@@ -114,7 +104,7 @@ def find_definitions(rows: Iterable[Any], absent: Absent, sources: dict[int, Any
     dict of id to ConstraintData
         From each variable to the row that gives it.
     """
-    everything = {key: data for key, (data, _, _) in absent.items()}
+    everything = {key: data for key, (data, _) in absent.items()}
     free = {key for key, data in everything.items() if data.is_continuous() and data.lower is data.upper is None}
     waiting: dict[int, tuple[Any, set[int]]] = {}
     for row in rows:
@@ -134,7 +124,7 @@ def find_definitions(rows: Iterable[Any], absent: Absent, sources: dict[int, Any
 
 def clear(absent: Absent) -> None:
     """Fix variables to None."""
-    for data, _, _ in absent.values():
+    for data, _ in absent.values():
         data.fix(None, skip_validation=True)
         data.stale = True
 
@@ -151,15 +141,6 @@ def add_shown_values(discretisation: Discretisation) -> None:
         data.unfix()
         data.set_value(source.value, skip_validation=True)
         put_part(home.equals, i, ShownValue(data, source, following, home.equals))
-
-
-def _nearest(domain: Any, time: float) -> float:
-    """The collocation point that stands for a point of a set."""
-    discretisation = discretisation_of(domain)
-    if discretisation is None or time in discretisation.grid.element_of:
-        return time
-    points: tuple[float, ...] = discretisation.grid.points
-    return max((point for point in points if point < time), default=points[0])
 
 
 def _allows(data: Any, source: Any) -> bool:

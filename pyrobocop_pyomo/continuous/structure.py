@@ -58,15 +58,6 @@ class Spot(NamedTuple):
     outer: tuple[tuple[Any, Any], ...]
     active: bool
 
-    def family(self, index: Any, axes: tuple[Axis, ...], domain: Any = None) -> tuple[Any, ...]:
-        """The key of all data that differ only in points of one continuous set, or of any."""
-        parts = (*self.path, (self.component.local_name, index, axes))
-        return tuple((name, _without(part_index, along, domain)) for name, part_index, along in parts)
-
-    def points(self, index: Any, axes: tuple[Axis, ...]) -> list[tuple[Any, Any]]:
-        """Each continuous set with the point at which one index stands."""
-        return [*self.outer, *((axis.domain, axis.time(index)) for axis in axes)]
-
     def members_along(self, domain: Any) -> Iterator[tuple[tuple[Any, ...], Any, Any]]:
         """Key of the family, point and data of every member that stands at a point of a continuous set."""
         axes = axes_of(self.component)
@@ -76,7 +67,8 @@ class Spot(NamedTuple):
         for index, data in self.component.items() if around or own is not None else ():
             others = index if own is None else own.others(index)
             if others not in families:
-                families[others] = self.family(index, axes, domain)
+                parts = (*self.path, (self.component.local_name, index, axes))
+                families[others] = tuple((name, _without(part, along, domain)) for name, part, along in parts)
             for time in around if own is None else (*around, own.time(index)):
                 yield families[others], time, data
 
@@ -153,12 +145,8 @@ def variables_of_row(data: Any) -> Iterable[Any]:
 
 
 def _without(index: Any, axes: tuple[Axis, ...], domain: Any) -> Any:
-    dropped = {axis.position for axis in axes if domain is None or axis.domain is domain}
-    if not dropped:
-        return index
-    if index.__class__ is not tuple:
-        return None
-    return tuple(part for i, part in enumerate(index) if i not in dropped)
+    """An index without the point of a set."""
+    return next((axis.others(index) for axis in axes if axis.domain is domain), index)
 
 
 def row_variables(rows: Iterable[Any], derivatives: Collection[int]) -> tuple[dict[int, tuple[Any, Any]], set[int]]:

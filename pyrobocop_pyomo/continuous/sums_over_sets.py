@@ -7,7 +7,7 @@ the set when one term is repeated at all of its points, or at all but the first 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from pyomo.core.base.constraint import Constraint, ConstraintList
@@ -16,12 +16,12 @@ from pyomo.core.base.initializer import ConstantInitializer
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.var import Var
 from pyomo.core.expr import MonomialTermExpression, NegationExpression, ProductExpression, SumExpression
-from pyomo.core.expr.numvalue import native_types, value
+from pyomo.core.expr.numvalue import value
 from pyomo.dae import DerivativeVar, Integral
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.failures import failures_as
-from pyrobocop_pyomo.modeling.shared_nodes import variables_in, variables_in_any, variables_read
+from pyrobocop_pyomo.modeling.shared_nodes import NodesOnce, variables_in, variables_in_any, variables_read
 
 from .structure import Spot, axis_on
 
@@ -74,7 +74,10 @@ def find_possible_sums(spots: list[Spot], domain: Any) -> list[tuple[Any, Any]]:
                 continue
             if _can_be_asked(spot.component):
                 possible_sums.append((spot.component, index))
-            elif _covers(repeated_times(data.expr, place, leaves), points):
+                continue
+            terms = _Terms(place, leaves)
+            terms.of(data.expr)
+            if _covers(terms.repeated, points):
                 raise _refusal(spot.component, index, domain)
     return possible_sums
 
@@ -99,58 +102,48 @@ def _refusal(component: Any, index: Any, domain: Any) -> ModelError:
     )
 
 
-def repeated_times(expression: Any, place: Mapping[int, tuple[Any, float]], leaves: Collection[int]) -> set[float]:
-    """Times at which the same term is repeated in one sum: the trace of a sum over a set.
+class _Terms(NodesOnce):
+    """Finds times at which the same term is repeated in one sum: the trace of a sum over a set.
+
+    Terms are the same when they differ in times, and in the size of numbers, only. What is found at an expression is
+    its form, whether a number below zero stands before it, and its times.
 
     Parameters
     ----------
     place : mapping of the id of a variable to (family, time)
-        Terms are the same when they differ in times, and in the size of numbers, only.
+    leaves : collection of int
+        Ids of named expressions that are not looked into.
+
+    Attributes
+    ----------
+    repeated : set of float
     """
-    repeated: set[float] = set()
-    for node in _nodes(expression, leaves):
+
+    def __init__(self, place: Mapping[int, tuple[Any, float]], leaves: Collection[int]) -> None:
+        super().__init__()
+        self._place, self._leaves = place, leaves
+        self.repeated: set[float] = set()
+
+    def goes_below(self, node: Any) -> bool:
+        return super().goes_below(node) and node.is_potentially_variable() and id(node) not in self._leaves
+
+    def of_leaf(self, leaf: Any) -> Any:
+        if not leaf.is_potentially_variable():
+            return value(leaf, exception=False) or 0
+        family, time = self._place.get(id(leaf), (id(leaf), None))
+        return family, False, frozenset(() if time is None else (time,))
+
+    def of_operation(self, node: Any, found: list[Any]) -> Any:
+        parts = [each for each in found if each.__class__ is tuple]
         if isinstance(node, SumExpression):
             times_of: dict[Any, set[frozenset[float]]] = {}
-            for term in node.args:
-                form, times = _form_and_times(term, place, leaves)
+            for *form, times in parts:
                 if times:
-                    times_of.setdefault(form, set()).add(times)
-            repeated.update(*(times for different in times_of.values() if len(different) > 1 for times in different))
-    return repeated
-
-
-def _nodes(expression: Any, leaves: Collection[int]) -> Iterator[Any]:
-    """The nodes with variables in them, each before its arguments."""
-    pending = [expression]
-    while pending:
-        node = pending.pop()
-        if not _is_number(node):
-            yield node
-            if node.is_expression_type() and id(node) not in leaves:
-                pending += node.args
-
-
-def _form_and_times(
-    term: Any, place: Mapping[int, tuple[Any, float]], leaves: Collection[int]
-) -> tuple[Any, frozenset[float]]:
-    """The form of a term up to times and the size of coefficients, and its times."""
-    form: list[Any] = []
-    times: set[float] = set()
-    is_negative = False
-    for node in _nodes(term, leaves):
-        if id(node) in leaves or not node.is_expression_type():
-            family, time = place.get(id(node), (id(node), None))
-            form.append(family)
-            times.update(() if time is None else (time,))
-            continue
-        numbers = [argument for argument in node.args if _is_number(argument)]
-        if len(numbers) + 1 < node.nargs() or not isinstance(node, (SumExpression, *_WITH_COEFFICIENTS)):
-            form.append(type(node) if not node.is_named_expression_type() else None)
-        elif isinstance(node, _WITH_COEFFICIENTS):
-            below_zero = any((value(number, exception=False) or 0) < 0 for number in numbers)
-            is_negative ^= below_zero or isinstance(node, NegationExpression)
-    return (is_negative, tuple(form)), frozenset(times)
-
-
-def _is_number(node: Any) -> bool:
-    return node.__class__ in native_types or not node.is_potentially_variable()
+                    times_of.setdefault(tuple(form), set()).add(times)
+            self.repeated.update(*(times for of in times_of.values() if len(of) > 1 for times in of))
+        if len(parts) == 1 and (node.is_named_expression_type() or isinstance(node, _WITH_COEFFICIENTS)):
+            ((form, is_negative, times),) = parts
+            negations = sum(1 for each in found if each.__class__ is not tuple and each < 0)
+            negations += isinstance(node, NegationExpression)
+            return form, is_negative ^ (negations % 2 == 1), times
+        return (type(node), *(part[:2] for part in parts)), False, frozenset().union(*(part[2] for part in parts))

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
-from pyomo.common.config import ConfigDict, ConfigValue, In, PositiveInt
+from pyomo.common.config import ConfigDict, ConfigValue, PositiveInt
 from pyomo.common.gc_manager import PauseGC
 from pyomo.common.modeling import unique_component_name
 from pyomo.core.base import Transformation, TransformationFactory
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.var import Var
 from pyomo.core.expr import LinearExpression
-from pyomo.dae import ContinuousSet
+from pyomo.dae import ContinuousSet, Integral
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.failures import undone_on_failure
@@ -22,8 +22,8 @@ from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, find_scheme
 from pyrobocop_pyomo.numerics.lagrange import evaluation_matrix
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
-from .discretisation import discretisations_on, discretise, finalise, rebuild_rows, undo_discretisation
-from .record import discretisation_of
+from .discretisation import discretise, finalise, undo_discretisation
+from .record import Discretisation, discretisation_of
 from .structure import axes_of, axis_on, continuous_sets, spots
 from .values import PreviousValues, refuse_later_components
 
@@ -47,9 +47,11 @@ class Collocation(Transformation):
 
     Options of ``apply_to`` and ``create_using``: ``wrt`` (a ContinuousSet or several; all that are not yet discretised
     by default), ``nfe`` (elements, 10), ``ncp`` (stages per element, 3), ``scheme`` ("radau", "gauss", any name that
-    `find_scheme` knows, "LAGRANGE-RADAU", "LAGRANGE-LEGENDRE" or a Scheme), ``mesh`` (element boundaries) and
-    ``derivatives`` ("substitute", or "keep": where an equation says ``dx[t] == f``, ``f`` goes into the collocation
-    rows and ``m.dx`` becomes an expression; keep the variable to give it bounds afterwards).
+    `find_scheme` knows, "LAGRANGE-RADAU", "LAGRANGE-LEGENDRE" or a Scheme) and ``mesh`` (element boundaries).
+
+    Where an equation says ``dx[t] == f``, ``f`` goes into the collocation rows and ``m.dx`` becomes an expression,
+    unless it has bounds or is used elsewhere. Of the sets that a component is indexed by, one can be discretised here,
+    and the others by pyomo.dae.
 
     Equations hold at the collocation points and at the first point. At other points states have a value, and what
     equations determine from them. A control at a point without a stage has the value of the nearest collocation point
@@ -68,14 +70,6 @@ class Collocation(Transformation):
     CONFIG.declare("nfe", ConfigValue(default=10, domain=PositiveInt, description="Number of elements."))
     CONFIG.declare("ncp", ConfigValue(default=None, domain=PositiveInt, description="Stages per element; default 3."))
     CONFIG.declare("scheme", ConfigValue(default="radau", domain=_scheme, description="Which collocation scheme."))
-    CONFIG.declare(
-        "derivatives",
-        ConfigValue(
-            default="substitute",
-            domain=In(["substitute", "keep"]),
-            description="Whether explicit right-hand sides take the place of derivatives.",
-        ),
-    )
     CONFIG.declare("mesh", ConfigValue(default=None, description="Element boundaries, used exactly as given."))
 
     def _apply_to(self, model: Any, **options: Any) -> None:
@@ -91,6 +85,7 @@ class Collocation(Transformation):
         with PauseGC():
             domains = _domains(model, config.wrt)
             replaced: list[tuple[Any, Any, Any]] = []
+            done: list[Discretisation] = []
             with undone_on_failure(lambda: _restore(replaced)):
                 for domain in domains:
                     known, previous, points = discretisation_of(domain), None, tuple(domain)
@@ -99,13 +94,12 @@ class Collocation(Transformation):
                         previous, points = PreviousValues(list(spots(model.model())), known), known.points
                     grid = make_grid(domain, points, scheme, config.nfe, config.mesh)
                     replaced.append((domain, known, previous))
-                    discretise(domain, points, grid, config.derivatives == "substitute", previous)
-            for discretisation in discretisations_on(model.model()):
+                    done.append(discretise(domain, points, grid, previous))
+            for discretisation in done:
                 finalise(discretisation)
-        for domain in domains:
-            logger.debug("'%s': discretised by %s", domain.name, scheme.name)
-            done = discretisation_of(domain)
-            lost = dict.fromkeys(row.parent_component().name for row in done.deactivated) if done else {}
+        for discretisation in done:
+            domain = discretisation.domain
+            lost = dict.fromkeys(row.parent_component().name for row in discretisation.deactivated)
             if lost:
                 logger.info(
                     "'%s': %s has no collocation point at the start or at element ends; these do not hold there: %s",
@@ -184,53 +178,53 @@ def _restore(replaced: list[tuple[Any, Any, Any]]) -> None:
     for domain, known, previous in reversed(replaced):
         current = discretisation_of(domain)
         if known is not None and current is not known:
-            discretise(domain, known.points, known.grid, known.substitutes, previous)
+            finalise(discretise(domain, known.points, known.grid, previous))
         elif known is None and current is not None:
             undo_discretisation(current)
-            rebuild_rows(discretisations_on(domain.model()))
-    for discretisation in discretisations_on(replaced[0][0].model()) if replaced else ():
-        finalise(discretisation)
 
 
 def _domains(model: Any, wrt: Any) -> list[Any]:
     """The sets to discretise, all of them within the model."""
-    found = list(spots(model))
-    own = continuous_sets(found)
+    own = continuous_sets(list(spots(model)))
     if wrt is None:
-        used = [axis.domain for spot in found for axis in axes_of(spot.component)]
         chosen = [domain for domain in own if domain.active and discretisation_of(domain) is None] or own
     else:
-        used = chosen = list(wrt) if isinstance(wrt, (list, tuple)) else [wrt]
-    for used_set in used:
-        if getattr(used_set, "ctype", None) is not ContinuousSet:
-            raise ModelError(f"wrt: '{getattr(used_set, 'name', used_set)}' is no ContinuousSet.")
-        if not any(used_set is domain for domain in own):
-            home = used_set.parent_block()
+        chosen = list(wrt) if isinstance(wrt, (list, tuple)) else [wrt]
+    for chosen_set in chosen:
+        if getattr(chosen_set, "ctype", None) is not ContinuousSet:
+            raise ModelError(f"wrt: '{getattr(chosen_set, 'name', chosen_set)}' is no ContinuousSet.")
+        if not any(chosen_set is domain for domain in own):
+            home = chosen_set.parent_block()
             raise ModelError(
-                f"'{model.name}': the set '{used_set.name}' does not live in it but in "
+                f"'{model.name}': the set '{chosen_set.name}' does not live in it but in "
                 f"'{home.name if home is not None else 'no model'}'. Apply the transformation to that, so that "
                 "everything which is indexed by the set grows with it."
             )
-    if not chosen:
-        raise ModelError(f"'{model.name}': holds no ContinuousSet, so that there is nothing to discretise.")
-    for chosen_set in chosen:
         if discretisation_of(chosen_set) is None and "scheme" in chosen_set.get_discretization_info():
             by = chosen_set.get_discretization_info()["scheme"]
             raise ModelError(
                 f"'{chosen_set.name}': was discretised by pyomo.dae ({by}) already. Start from the model before that "
                 "transformation."
             )
-        _refuse_outsiders(model, chosen_set)
+    if not chosen:
+        raise ModelError(f"'{model.name}': holds no ContinuousSet, so that there is nothing to discretise.")
+    _refuse_several(model.model(), chosen)
     return chosen
 
 
-def _refuse_outsiders(model: Any, domain: Any) -> None:
-    inside = {id(spot.component) for spot in spots(model)}
-    for spot in spots(domain.model()):
-        if id(spot.component) not in inside and axis_on(spot.component, domain) is not None:
+def _refuse_several(root: Any, chosen: list[Any]) -> None:
+    """Raise a `ModelError` where a component is indexed by several sets that would all be discretised here."""
+    found = list(spots(root))
+    ours = {*map(id, chosen), *(id(domain) for domain in continuous_sets(found) if discretisation_of(domain))}
+    for spot in found:
+        along = [domain for domain, _ in spot.outer] + [axis.domain for axis in axes_of(spot.component)]
+        if isinstance(spot.component, Integral):
+            along.append(spot.component.get_continuousset())
+        names = dict.fromkeys(f"'{domain.name}'" for domain in along if id(domain) in ours)
+        if len(names) > 1:
             raise ModelError(
-                f"'{spot.component.name}': is indexed by '{domain.name}' but is no part of '{model.name}'. Apply the "
-                f"transformation to '{domain.model().name}'."
+                f"'{spot.component.name}': is indexed by {' and '.join(names)}. Discretise one of them here, and the "
+                "others by dae.finite_difference or dae.collocation, before or after."
             )
 
 

@@ -17,8 +17,8 @@ from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .expansion import set_initial_value
-from .record import Discretisation, discretisation_of, discretisations_of
-from .structure import PAIRS, Spot, axes_of, axis_on, continuous_sets, label, spots
+from .record import Discretisation, discretisation_of
+from .structure import PAIRS, Spot, axes_of, axis_on, label, spots
 
 
 def dae_trajectory(model: Any, wrt: Any) -> Trajectory:
@@ -85,8 +85,7 @@ def dae_trajectory(model: Any, wrt: Any) -> Trajectory:
 def families(found: list[Spot], discretisation: Discretisation) -> Iterator[tuple[Any, bool, dict[float, Any]]]:
     """Each variable along the set: its key, whether it is a state, and what has its value at each time."""
     along: dict[Any, dict[float, Any]] = {}
-    everything = (discretisation, *discretisations_of(continuous_sets(found)))
-    put_aside = {id(derivative) for one in everything for derivative in one.substitutions}
+    put_aside = set(map(id, discretisation.substitutions))
     shown = set(map(id, discretisation.substitutions.values()))
     for spot in found:
         is_variable = spot.component.ctype in (Var, DerivativeVar) and id(spot.component) not in put_aside
@@ -156,14 +155,14 @@ def refuse_later_components(discretisation: Discretisation) -> None:
         if time not in kept
     }
     integrals = {id(data) for s in found if isinstance(s.component, Integral) for data in s.component.values()}
-    own = {id(block) for one in discretisations_of(continuous_sets(found)) for block in one.generated}
+    own = set(map(id, discretisation.generated))
     for spot in found:
         component = spot.component
         if not hasattr(component, "_rule") or isinstance(component, Integral) or id(component.parent_block()) in own:
             continue
-        axes = axes_of(component)
-        for index, data in component.items():
-            if any(along is discretisation.domain and time not in kept for along, time in spot.points(index, axes)):
+        gone = {id(data) for _, time, data in spot.members_along(discretisation.domain) if time not in kept}
+        for data in component.values():
+            if id(data) in gone:
                 continue
             expression = getattr(data, "expr", None)
             if any(id(variable) in leaving for variable in variables_in(expression, integrals)):

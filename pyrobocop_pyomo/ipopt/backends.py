@@ -13,6 +13,7 @@ from pyomo.common import Executable
 from pyomo.common.fileutils import find_executable
 
 from pyrobocop_pyomo.errors import SolverNotFoundError
+from pyrobocop_pyomo.native.shared_library import HOW_TO_COMPILE
 from pyrobocop_pyomo.programs.asl_program import asl_available
 from pyrobocop_pyomo.programs.vectorised_program import casadi_available
 
@@ -94,7 +95,7 @@ Any one of these brings Ipopt, and derivatives for it:
 or, for an Ipopt that is there already, one of these environment variables:
   {EXECUTABLE_VARIABLE}=/path/to/ipopt
   {LIBRARY_VARIABLE}=/path/to/libipopt.so
-The linear solver of this package needs any C compiler: python -m pyrobocop_pyomo build-native.
+The linear solver of this package: {HOW_TO_COMPILE}.
 'python -m pyrobocop_pyomo doctor' shows what is found and what is missing."""
 
 

@@ -140,6 +140,7 @@ def _declare(functions: ctypes.CDLL) -> None:
         "CreateIpoptProblem": (problem, [*sizes_and_bounds, EvalF, EvalG, EvalGradF, EvalJacG, EvalH]),
         "FreeIpoptProblem": (None, [problem]),
         "AddIpoptStrOption": (truth, [problem, name, ctypes.c_char_p]),
+        "OpenIpoptOutputFile": (truth, [problem, name, _index]),
         "AddIpoptNumOption": (truth, [problem, name, _number]),
         "AddIpoptIntOption": (truth, [problem, name, _index]),
         "SetIntermediateCallback": (truth, [problem, Intermediate]),

@@ -9,19 +9,22 @@ import io
 import logging
 import numbers
 import signal
+import sys
+import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from types import FrameType
 from typing import Any, TextIO
 
 import numpy as np
+from pyomo.common.tee import redirect_fd
 
 from pyrobocop_pyomo.errors import EvaluationError, ModelError
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
-from pyrobocop_pyomo.native.c_output import c_output_captured, c_output_sent_to, flush_c_streams
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint, ProblemScaling
 from pyrobocop_pyomo.programs.vectorised_program import EVALUATIONS, compiled_run_of
 
@@ -350,27 +353,30 @@ def _run_once(
     settings = {**options, **_time_limit(options, deadline)}
     started = time.perf_counter()
     with contextlib.ExitStack() as stack:
-        if output:
-            for stream in (log, *output):
-                stream.write(head)
-                stream.flush()
-            stack.enter_context(c_output_sent_to([log, *output]))
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="pyrobocop_"))) if output else None
         if kept is None or scaling is not None or output:
             kept = KeptProblem()
             stack.callback(kept.close)
         problem, callbacks = stack.enter_context(kept.opened(library, nlp, frozenset(settings), on_iteration))
-        if output:
-            callbacks.after_record = flush_c_streams
         if scaling is not None:
             factors = _vector(scaling.x, nlp.n, "scaling.x"), _vector(scaling.g, nlp.m, "scaling.g")
             addresses = [factor.ctypes.data for factor in factors]  # Ipopt copies the factors
             library.functions.SetIpoptProblemScaling(problem, scaling.objective, *addresses)
-        set_options(library, problem, settings, silent=not output)
+        set_options(library, problem, settings)
+        if folder is not None:
+            level = int(float(settings.get("print_level", 5)))
+            library.functions.OpenIpoptOutputFile(problem, str(folder / "log").encode(), level)
+            written = stack.enter_context(open(folder / "log", encoding="utf-8", errors="replace"))
+            callbacks.after_record = partial(_pass_on, written, (log, *output))
+            _pass_on(io.StringIO(head), (log, *output))
         stack.enter_context(first_ctrl_c(callbacks.interrupt))
         code = library.functions.IpoptSolve(
             problem, point.ctypes.data, g.ctypes.data, ctypes.addressof(objective),
             row_multipliers.ctypes.data, lower.ctypes.data, upper.ctypes.data, callbacks.data,
         )  # fmt: skip
+        if folder is not None:
+            kept.close()  # Ipopt closes its file
+            _pass_on(written, (log, *output))
     if callbacks.failure is not None:
         raise callbacks.failure
     status = IpoptStatus.of_code(code)
@@ -397,6 +403,14 @@ def _run_once(
         log=log.getvalue(),
         undefined_at=callbacks.undefined_at,
     )
+
+
+def _pass_on(written: TextIO, streams: Iterable[TextIO]) -> None:
+    """Write what Ipopt has written to its file since the last time."""
+    text = written.read()
+    for stream in streams:
+        stream.write(text)
+        stream.flush()
 
 
 def _time_limit(options: Mapping[str, Any], deadline: Deadline) -> dict[str, float]:
@@ -427,8 +441,8 @@ _ADDED_BY = {str: "AddIpoptStrOption", int: "AddIpoptIntOption", float: "AddIpop
 _ACCEPTED: dict[tuple[str, ...], str | int | float] = {}
 
 
-def set_options(library: IpoptLibrary, problem: int, options: Mapping[str, Any], *, silent: bool) -> None:
-    """Hand options to Ipopt's problem.
+def set_options(library: IpoptLibrary, problem: int, options: Mapping[str, Any]) -> None:
+    """Hand options to Ipopt's problem, which prints nothing to standard output.
 
     Parameters
     ----------
@@ -439,26 +453,57 @@ def set_options(library: IpoptLibrary, problem: int, options: Mapping[str, Any],
     options : mapping of str to str, int, float or bool
         Each value is tried as what it is and then as what it can stand for: ``1`` as a number, ``"100"`` and
         ``100.0`` as integers, as the ``ipopt`` executable takes them.
-    silent : bool
-        Print nothing, whatever ``print_level`` says.
 
     Raises
     ------
     ModelError
         When Ipopt refuses one.
     """
-    settings = {**options, **({"print_level": 0, "sb": "yes"} if silent else {})}
+    settings = [*options.items(), ("print_level", 0), ("sb", "yes")]
     # Ipopt prints an explanation of each refused attempt, also of those that merely guessed the wrong type.
-    is_known = all(_key(library, name, value) in _ACCEPTED for name, value in settings.items())
-    with contextlib.nullcontext(list[str]()) if is_known else c_output_captured() as explanations:
-        refused = next((name for name, value in settings.items() if not _set(library, problem, name, value)), None)
+    is_known = all(_key(library, name, value) in _ACCEPTED for name, value in settings)
+    with contextlib.nullcontext(list[str]()) if is_known else _explanations() as explanations:
+        refused = next((name for name, value in settings if not _set(library, problem, name, value)), None)
     if refused is not None:
         told = "".join(explanations)
         raise ModelError(
-            f"Ipopt option '{refused}': the value {settings[refused]!r} is refused by {library}. "
+            f"Ipopt option '{refused}': the value {options[refused]!r} is refused by {library}. "
             f"{_last_explanation(told)}{_nearest(refused, told)} "
             "See https://coin-or.github.io/Ipopt/OPTIONS.html for names and values."
         )
+
+
+# The descriptor of standard output belongs to all threads: one at a time changes where it leads.
+_DESCRIPTOR = threading.Lock()
+
+
+@contextlib.contextmanager
+def _explanations() -> Iterator[list[str]]:
+    """What Ipopt prints to standard output meanwhile, as one text or none; nothing while another thread asks for that.
+
+    Pyomo's ``capture_output`` starts threads, which is too much for microseconds.
+    """
+    told: list[str] = []
+    with contextlib.ExitStack() as stack:
+        if sys.stdout is None or not _DESCRIPTOR.acquire(blocking=False):
+            yield told
+            return
+        stack.callback(_DESCRIPTOR.release)
+        file = stack.enter_context(tempfile.TemporaryFile())
+        _flush()
+        with redirect_fd(1, file.fileno(), synchronize=False):
+            yield told
+            _flush()
+        file.seek(0)
+        told.append(file.read().decode(errors="replace"))
+
+
+def _flush() -> None:
+    """Push out what Python and C code have printed and not yet written, where they can."""
+    with contextlib.suppress(ValueError, OSError):
+        sys.stdout.flush()
+    with contextlib.suppress(TypeError, OSError, AttributeError):
+        ctypes.CDLL(None).fflush(None)
 
 
 def _nearest(name: str, explanation: str) -> str:

@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 
 from pyrobocop_pyomo.errors import SolverNotFoundError
-from pyrobocop_pyomo.native.shared_library import SWITCH_VARIABLE, shared_library
+from pyrobocop_pyomo.native.shared_library import HOW_TO_COMPILE, SWITCH_VARIABLE, shared_library
 
 LINEAR_SOLVER_VARIABLE = "PYROBOCOP_LINEAR_SOLVER"
 LINEAR_SOLVER_NAME = "linear_solver"
@@ -43,7 +43,7 @@ def required_linear_solver() -> str:
     path = find_linear_solver()
     if path is None:
         raise SolverNotFoundError(
-            "there is no compiled linear solver: run python -m pyrobocop_pyomo build-native, with any C compiler; "
+            f"there is no compiled linear solver: {HOW_TO_COMPILE}; "
             "PYROBOCOP_NATIVE and PYROBOCOP_LINEAR_SOLVER must not say 'off' or 'none'. Ipopt's own is MUMPS."
         )
     return path

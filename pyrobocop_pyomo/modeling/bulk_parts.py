@@ -29,13 +29,6 @@ def new_variable(component: Any, lower: Any, start: float) -> VarData:
     return variable
 
 
-def copy_variable(variable: VarData, indices: Iterable[Any]) -> None:
-    """Put copies of a variable, with its bounds, domain and value, into its component at further indices."""
-    component, copy = variable.parent_component(), VarData.copy
-    for index in indices:
-        put_part(component, index, copy(variable))
-
-
 def new_row(component: Any, index: Any, expression: Any) -> ConstraintData:
     """Make a row and put it into its component."""
     row = ConstraintData(expression, component)

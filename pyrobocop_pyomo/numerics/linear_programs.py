@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pyrobocop_pyomo.modeling.deadline import Deadline
-from pyrobocop_pyomo.native.c_output import c_output_muted
 from pyrobocop_pyomo.optional_imports import scipy
 
 from .arrays import Array, BoolArray
@@ -100,15 +99,13 @@ class LinearProgram:
         if not self.cost.size:
             return LinearAnswer(LinearStatus.SOLVED, np.empty(0))
         rows = [scipy.optimize.LinearConstraint(*some) for some in self.rows if some[0].shape[0]]
-        # HiGHS now and then prints a line, whatever its options are.
-        with c_output_muted():
-            result = scipy.optimize.milp(
-                self.cost,
-                integrality=self.integer,
-                bounds=scipy.optimize.Bounds(self.lower, np.maximum(self.lower, self.upper)),
-                constraints=rows or None,
-                options={**_time_limit(deadline), "mip_rel_gap": gap, "node_limit": node_limit},
-            )
+        result = scipy.optimize.milp(
+            self.cost,
+            integrality=self.integer,
+            bounds=scipy.optimize.Bounds(self.lower, np.maximum(self.lower, self.upper)),
+            constraints=rows or None,
+            options={**_time_limit(deadline), "mip_rel_gap": gap, "node_limit": node_limit},
+        )
         status = {0: LinearStatus.SOLVED, 2: LinearStatus.INFEASIBLE}.get(result.status, LinearStatus.STOPPED)
         is_point = status is LinearStatus.SOLVED or self.integer is not None
         return LinearAnswer(status, result.x if is_point else None, max(1, int(result.mip_node_count or 0)))
@@ -129,16 +126,15 @@ class LinearProgram:
         )
         equal = np.flatnonzero(lower == upper)
         above, below = (np.flatnonzero(np.isfinite(bound) & (lower != upper)) for bound in (upper, lower))
-        with c_output_muted():
-            result = scipy.optimize.linprog(
-                self.cost,
-                A_ub=scipy.sparse.vstack([matrix[above], -matrix[below]]),
-                b_ub=np.concatenate([upper[above], -lower[below]]),
-                A_eq=matrix[equal],
-                b_eq=lower[equal],
-                bounds=np.column_stack([self.lower, np.maximum(self.lower, self.upper)]),
-                options=_time_limit(deadline),
-            )
+        result = scipy.optimize.linprog(
+            self.cost,
+            A_ub=scipy.sparse.vstack([matrix[above], -matrix[below]]),
+            b_ub=np.concatenate([upper[above], -lower[below]]),
+            A_eq=matrix[equal],
+            b_eq=lower[equal],
+            bounds=np.column_stack([self.lower, np.maximum(self.lower, self.upper)]),
+            options=_time_limit(deadline),
+        )
         if result.status != 0:
             return None
         duals = np.zeros(lower.size)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -20,7 +21,6 @@ from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.keywords import keywords_checked
 from pyrobocop_pyomo.modeling.rare_collections import rare_collections
 from pyrobocop_pyomo.modeling.variable_values import checksum_of_model
-from pyrobocop_pyomo.native.c_output import standard_output
 from pyrobocop_pyomo.obstacles import avoidance_blocks, containments
 from pyrobocop_pyomo.obstacles.initial_checks import check_block, check_clocks, check_region
 from pyrobocop_pyomo.phases import note_outcome, phases_of
@@ -185,7 +185,7 @@ def solve(
         options=IpoptOptions(user=dict(options or {})),
         tolerances=limits,
         deadline=Deadline.after(time_limit),
-        output=tuple(tee) if isinstance(tee, Sequence) else ((standard_output(),) if tee else ()),
+        output=tuple(tee) if isinstance(tee, Sequence) else ((sys.stdout,) if tee else ()),
         progress=Progress.of(progress),
         scaling=not (blocks or regions),  # their rows are of size one where lengths are
     )

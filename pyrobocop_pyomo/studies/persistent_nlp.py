@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -15,7 +16,6 @@ from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
 from pyrobocop_pyomo.ipopt.ipopt_run import KeptProblem, run_ipopt
 from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader
 from pyrobocop_pyomo.modeling.deadline import Deadline
-from pyrobocop_pyomo.native.c_output import standard_output
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint
 from pyrobocop_pyomo.programs.quadratic_cost import AddedQuadraticCost, QuadraticCost
@@ -262,7 +262,7 @@ class PersistentNLP:
             start,
             deadline=Deadline.after(time_limit),
             on_iteration=on_iteration,
-            output=[standard_output()] if tee else [],
+            output=[sys.stdout] if tee else [],
             kept=self._kept,
         )
         stopped = self._go_on_after_limit and self.outcome.status is IpoptStatus.ITERATION_LIMIT

@@ -65,7 +65,7 @@ def distributions(tmp_path_factory: pytest.TempPathFactory) -> tuple[set[str], P
         for path in ROOT.glob(kind):
             shutil.copy(path, copy)
     files = files_in(copy)
-    (copy / "pyrobocop_pyomo" / "programs" / "left-by-build-native.so").touch()
+    (copy / "pyrobocop_pyomo" / "programs" / "left-by-build-ext.so").touch()
     # First a source distribution, then the wheel out of it; without isolation, which would download setuptools.
     command = [sys.executable, "-m", "build", "--no-isolation", str(copy)]
     environment = {**os.environ, "PYROBOCOP_REPOSITORY": f"{REPOSITORY}/", "PYROBOCOP_NATIVE": "off"}
@@ -107,17 +107,6 @@ def test_the_package_index_takes_what_is_built(command: list[str], distributions
     command = [sys.executable, "-m", *command, *map(str, paths)]
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
     assert ended.returncode == 0, ended.stdout + ended.stderr
-
-
-@pytest.mark.slow
-def test_a_wheel_that_is_not_unpacked_says_why_nothing_is_compiled(
-    distributions: tuple[set[str], Path, Path], tmp_path: Path
-) -> None:
-    command = [sys.executable, "-m", "pyrobocop_pyomo", "build-native"]
-    environment = {**os.environ, "PYTHONPATH": str(distributions[2])}
-    ended = subprocess.run(command, capture_output=True, text=True, check=False, env=environment, cwd=tmp_path)
-    assert ended.returncode == 1
-    assert ended.stderr.startswith("build-native: ")
 
 
 @pytest.mark.slow

@@ -4,7 +4,7 @@ Each is a function that gives a model as a user of ``dae.collocation`` writes it
 boundary points, Mayer costs, conditions as constraint lists, sets that already have points, abstract models.
 """
 
-from math import exp, pi, sin
+from math import pi, sin
 
 import pyomo.environ as pyo
 from pyomo.dae import ContinuousSet, DerivativeVar
@@ -186,57 +186,8 @@ def heat():
     return m
 
 
-def heat_exact(x, t):
-    return exp(-t) * sin(pi * x)
-
-
-def laplace():
-    """A plate with two cold and two warm edges, without time."""
-    m = pyo.ConcreteModel(name="laplace")
-    m.x, m.y = ContinuousSet(bounds=(0, 1)), ContinuousSet(bounds=(0, 1))
-    m.u = pyo.Var(m.x, m.y, initialize=1.5)
-    m.uxx, m.uyy = DerivativeVar(m.u, wrt=(m.x, m.x)), DerivativeVar(m.u, wrt=(m.y, m.y))
-    ends = (0, 1)
-    m.low = pyo.Constraint(m.x, rule=lambda m, x: SKIP if x in ends else m.u[x, 0] == sin(pi * x))
-    m.high = pyo.Constraint(m.x, rule=lambda m, x: SKIP if x in ends else m.u[x, 1] == 0)
-    m.left = pyo.Constraint(m.y, rule=lambda m, y: SKIP if y in ends else m.u[0, y] == 0)
-    m.right = pyo.Constraint(m.y, rule=lambda m, y: SKIP if y in ends else m.u[1, y] == 0)
-    m.balance = pyo.Constraint(
-        m.x, m.y, rule=lambda m, x, y: SKIP if x in ends or y in ends else m.uxx[x, y] + m.uyy[x, y] == 0
-    )
-    m.cost = pyo.Objective(expr=1)
-    return m
-
-
-def exchanger():
-    """Two streams in opposite directions that exchange heat, from a cold start; the flux is an algebraic."""
-    m = pyo.ConcreteModel(name="exchanger")
-    m.t, m.z = ContinuousSet(bounds=(0, 1)), ContinuousSet(bounds=(0, 1))
-    m.up, m.down = pyo.Var(m.t, m.z, initialize=0.5), pyo.Var(m.t, m.z, initialize=0.5)
-    m.flux = pyo.Var(m.t, m.z, initialize=0)
-    m.up_t, m.up_z = DerivativeVar(m.up, wrt=m.t), DerivativeVar(m.up, wrt=m.z)
-    m.down_t, m.down_z = DerivativeVar(m.down, wrt=m.t), DerivativeVar(m.down, wrt=m.z)
-    m.law = pyo.Constraint(m.t, m.z, rule=lambda m, t, z: m.flux[t, z] == m.up[t, z] - m.down[t, z])
-    m.rises = pyo.Constraint(
-        m.t,
-        m.z,
-        rule=lambda m, t, z: SKIP if z == 0 or t == 0 else m.up_t[t, z] + 2 * m.up_z[t, z] == -m.flux[t, z],
-    )
-    m.falls = pyo.Constraint(
-        m.t,
-        m.z,
-        rule=lambda m, t, z: SKIP if z == 1 or t == 0 else m.down_t[t, z] - 2 * m.down_z[t, z] == m.flux[t, z],
-    )
-    m.start_up = pyo.Constraint(m.z, rule=lambda m, z: SKIP if z == 0 else m.up[0, z] == 0)
-    m.start_down = pyo.Constraint(m.z, rule=lambda m, z: SKIP if z == 1 else m.down[0, z] == 0)
-    m.hot = pyo.Constraint(m.t, rule=lambda m, t: m.up[t, 0] == t**2 * (3 - 2 * t))
-    m.cool = pyo.Constraint(m.t, rule=lambda m, t: m.down[t, 1] == 0)
-    m.cost = pyo.Objective(expr=1)
-    return m
-
-
 def steady_exchanger():
-    """The same streams at rest: ``up' = down' = -(up - down) / 2`` with ``up(0) = 1`` and ``down(1) = 0``."""
+    """Two streams in opposite directions: ``up' = down' = -(up - down) / 2`` with ``up(0) = 1`` and ``down(1) = 0``."""
     m = pyo.ConcreteModel(name="steady exchanger")
     m.z = ContinuousSet(bounds=(0, 1))
     m.up, m.down = pyo.Var(m.z, initialize=0.5), pyo.Var(m.z, initialize=0.5)

@@ -28,17 +28,16 @@ REACHED = {
 
 
 @pytest.mark.casadi
-@pytest.mark.parametrize("derivatives", ["substitute", "keep"])
 @pytest.mark.parametrize("scheme", ["LAGRANGE-RADAU", "LAGRANGE-LEGENDRE"])
 @pytest.mark.parametrize("name", CASES)
-def test_known_answers(name, scheme, derivatives):
+def test_known_answers(name, scheme):
     """More accurately than by pyomo.dae, where that does not reach the same digits."""
     m = CASES[name].build()
-    COLLOCATION.apply_to(m, nfe=7, ncp=4, scheme=scheme, derivatives=derivatives)
+    COLLOCATION.apply_to(m, nfe=7, ncp=4, scheme=scheme)
     state, quantity = CASES[name].errors(solved(m))
     assert state < REACHED[name][0]
     assert quantity < REACHED[name][1]
-    if derivatives == "substitute" and name in ("reactor, index 1", "estimation", "two sets"):
+    if name in ("reactor, index 1", "estimation", "two sets"):
         theirs = CASES[name].build()
         pyo.TransformationFactory("dae.collocation").apply_to(theirs, nfe=7, ncp=4, scheme=scheme)
         their_state, their_quantity = CASES[name].errors(solved(theirs))
@@ -58,12 +57,11 @@ def test_pairs_of_this_package_know_element_and_weight():
     assert CASES["complementarity"].errors(solved(m, strategies=rcp.Strategy(grouping="element")))[0] < 1e-3
 
 
-@pytest.mark.parametrize("derivatives", ["substitute", "keep"])
 @pytest.mark.parametrize("scheme", ["radau", "gauss", "lobatto", "explicit_euler", "trapezoid"])
 @pytest.mark.parametrize("name", ["reactor, index 1", "second derivative", "block per time"])
-def test_nothing_is_left_undetermined(name, scheme, derivatives):
+def test_nothing_is_left_undetermined(name, scheme):
     m = CASES[name].build()
-    COLLOCATION.apply_to(m, nfe=4, scheme=scheme, derivatives=derivatives)
+    COLLOCATION.apply_to(m, nfe=4, scheme=scheme)
     assert free_variables(m) == 0
 
 
@@ -107,11 +105,10 @@ def regulator():
 
 @pytest.mark.casadi
 @pytest.mark.parametrize("scheme", ["radau", "gauss", "hermite_simpson"])
-@pytest.mark.parametrize("derivatives", ["substitute", "keep"])
-def test_optimum_is_that_of_a_phase(scheme, derivatives):
+def test_optimum_is_that_of_a_phase(scheme):
     boundaries = [0, 0.4, 0.5, 1.3, 2.2, 3]
     m = regulator()
-    COLLOCATION.apply_to(m, mesh=boundaries, scheme=scheme, derivatives=derivatives)
+    COLLOCATION.apply_to(m, mesh=boundaries, scheme=scheme)
     solved(m)
 
     n, b = one_phase("phase", model="phase", duration=3, mesh=boundaries, scheme=scheme)

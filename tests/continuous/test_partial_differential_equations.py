@@ -1,11 +1,11 @@
 """Time and space, mixed indices, blocks, several sets, references, disjuncts, tools of Pyomo."""
 
-from math import exp, pi, sin, sinh
+from math import exp
 
 import pyomo.environ as pyo
 import pytest
 from catalogue.dae_models import CASES, rectifier, two_phases
-from catalogue.pyomo_examples import exchanger, heat, heat_exact, laplace, steady_exchanger
+from catalogue.pyomo_examples import heat, steady_exchanger
 from harness.checked import timing_report
 from harness.dae import driven_tank, free_variables, solved
 from hypothesis import given, settings
@@ -35,10 +35,6 @@ def discretise(m, *steps):
     return m
 
 
-def largest_error(u, exact):
-    return max(abs(data.value - exact(*index)) for index, data in u.items())
-
-
 def values(variable):
     """In the order of the indices, which pyomo.dae rounds to six digits."""
     return [variable[index].value for index in sorted(variable)]
@@ -61,59 +57,34 @@ def test_pyomo_dae_in_space_before_or_after(space):
         assert values(solved(ours).u) == pytest.approx(values(theirs.u), abs=1e-6)
 
 
-# -------------------------------------------------------------------- both sets by this package
-
-
 @pytest.mark.casadi
-@pytest.mark.parametrize("time", ["radau", "gauss", "BACKWARD", "dae"])
+@pytest.mark.parametrize("time", ["BACKWARD", "dae"])
 def test_heat_equation_without_equations_at_the_boundaries(time):
-    """The same in either order, also of pyomo.dae in time; by ours it is square, and accurate at every point."""
-    ours = time in ("radau", "gauss")
     found = []
     for steps in ([("x", "gauss", 3), ("t", time, 3)], [("t", time, 3), ("x", "gauss", 3)]):
-        m = discretise(heat(), *steps)
-        assert not ours or free_variables(m) == 0
-        error = largest_error(solved(m).u, heat_exact)
-        assert not ours or error < 2e-3
-        found.append(values(m.u))
-    assert found[0] == pytest.approx(found[1], abs=1e-8 if ours else 1e-6)
+        found.append(values(solved(discretise(heat(), *steps)).u))
+    assert found[0] == pytest.approx(found[1], abs=1e-6)
+
+
+def test_two_sets_of_one_variable_by_this_package_are_refused():
+    with pytest.raises(ModelError, match="'u': is indexed by 'x' and 't'. Discretise one of them here"):
+        OURS.apply_to(heat(), nfe=2)
+    m = discretise(heat(), ("x", "gauss", 2))
+    with pytest.raises(ModelError, match="is indexed by 'x' and 't'"):
+        OURS.apply_to(m, wrt=m.t)
+    assert list(m.t) == [0, 1]
 
 
 def test_refusal_and_another_mesh_leave_no_trace():
-    m = discretise(heat(), ("x", "gauss", 2), ("t", "radau", 2))
-    n = discretise(heat(), ("x", "gauss", 3), ("t", "gauss", 2))
+    m = discretise(heat(), ("x", "gauss", 2), ("t", "BACKWARD", 2))
+    n = discretise(heat(), ("x", "gauss", 3), ("t", "BACKWARD", 2))
     with pytest.raises(ModelError, match=r"'dudx2\[1,.*has no equation, .* gauss has none at either end"):
         OURS.apply_to(m, wrt=m.x, nfe=3, ncp=3)
     OURS.apply_to(m, wrt=m.x, nfe=3, ncp=3, scheme="gauss")
-    OURS.apply_to(m, wrt=m.t, nfe=2, ncp=3, scheme="gauss")
     assert list(m.x) == list(n.x)
-    assert list(m.t) == list(n.t)
-    names = [{row.name for row in one.component_data_objects(pyo.Constraint, active=True)} for one in (m, n)]
+    rows = [one.component_data_objects(pyo.Constraint, active=True) for one in (m, n)]
+    names = [{(row.parent_component().name, row.index()) for row in of} for of in rows]
     assert names[0] == names[1]
-
-
-def test_copies_are_discretised_the_same():
-    m = heat()
-    n = OURS.create_using(m, nfe=2, ncp=2, scheme="gauss")
-    assert list(m.x) == [0, 1]
-    o = discretise(OURS.create_using(m, wrt=m.t, nfe=2, ncp=3), ("x", "BACKWARD", 2))
-    p = discretise(heat(), ("t", "radau", 2), ("x", "BACKWARD", 2))
-    assert free_variables(n) == 0
-    rows = [{row.name: str(row.expr) for row in one.component_data_objects(pyo.Constraint)} for one in (o, p)]
-    assert rows[0] == rows[1]
-
-
-@pytest.mark.casadi
-def test_plate_without_time():
-    """``u_xx + u_yy = 0`` with a sine on one edge; no equation holds on any edge, and the edges need one corner."""
-    m = laplace()
-    m.u[0, 0].fix(0)
-    OURS.apply_to(m, nfe=3, ncp=4, scheme="gauss")
-    solved(m)
-    assert free_variables(m) == 0
-    inner = [(x, y) for x in m.x for y in m.y if x not in (0, 1) and y not in (0, 1)]
-    error = max(abs(m.u[x, y].value - sin(pi * x) * sinh(pi * (1 - y)) / sinh(pi)) for x, y in inner)
-    assert error < 5e-3
 
 
 # -------------------------------------------------------------------- opposite directions
@@ -131,20 +102,6 @@ def test_steady_exchanger():
     assert max(abs(m.up[z].value - (1 - c * z / 2)) for z in m.z) < 1e-9
     assert max(abs(m.down[z].value - (c / 2 - c * z / 2)) for z in m.z) < 1e-9
     assert rcp.dae_trajectory(m, m.z).states["down"][0] == pytest.approx(c / 2, abs=1e-9)
-
-
-@pytest.mark.casadi
-def test_exchanger_from_a_cold_start():
-    """The answers of two meshes close in on each other."""
-    ends = []
-    for elements in (1, 3, 6):
-        m = discretise(exchanger(), ("z", "gauss", elements), ("t", "radau", 2))
-        assert free_variables(m) == 0
-        solved(m)
-        ends.append((m.up[1, 1].value, m.down[1, 0].value))
-    coarse, fine = (max(abs(a - b) for a, b in zip(one, ends[-1], strict=True)) for one in ends[:-1])
-    assert fine < coarse
-    assert fine < 1e-2
 
 
 # -------------------------------------------------------------------- matchings
@@ -208,29 +165,6 @@ def test_sets_one_after_the_other_with_schemes_of_their_own(order):
     assert max(CASES["two sets"].errors(solved(m))) < 1e-8
 
 
-@pytest.mark.casadi
-@pytest.mark.parametrize("sequence", [("t", "z"), ("z", "t"), ("t z",)])
-def test_heat_equation(sequence):
-    """u_t = u_zz with both sets collocated, u = 0 at both ends: exp(-pi^2 t) sin(pi z)."""
-    m = pyo.ConcreteModel(name="rod")
-    m.t, m.z = ContinuousSet(bounds=(0, 0.1)), ContinuousSet(bounds=(0, 1))
-    m.u = pyo.Var(m.t, m.z, initialize=0)
-    m.ut, m.uzz = DerivativeVar(m.u, wrt=m.t), DerivativeVar(m.u, wrt=(m.z, m.z))
-    m.heat = pyo.Constraint(m.t, m.z, rule=lambda m, t, z: m.ut[t, z] == m.uzz[t, z])
-    m.cold = pyo.Constraint(m.t, m.z, rule=lambda m, t, z: m.u[t, z] == 0 if z in (0, 1) else pyo.Constraint.Skip)
-    m.start = pyo.Constraint(
-        m.t,
-        m.z,
-        rule=lambda m, t, z: m.u[t, z] == sin(pi * z) if t == 0 and 0 < z < 1 else pyo.Constraint.Skip,
-    )
-    for names in sequence:
-        OURS.apply_to(m, wrt=[m.component(name) for name in names.split()], nfe=4, ncp=3)
-    assert free_variables(m) == 0
-    solved(m)
-    error = max(abs(m.u[0.1, z].value - exp(-(pi**2) * 0.1) * sin(pi * z)) for z in m.z)
-    assert error < 3e-4
-
-
 def test_parameters_and_expressions_follow():
     m = driven_tank(initialize=0)
     m.feed = pyo.Param(m.t, initialize=lambda m, t: 2 * t)
@@ -245,8 +179,7 @@ def test_parameters_and_expressions_follow():
 
 
 @pytest.mark.parametrize("scheme", ["radau", "gauss", "lobatto"])
-@pytest.mark.parametrize("derivatives", ["substitute", "keep"])
-def test_units_stay_consistent(scheme, derivatives):
+def test_units_stay_consistent(scheme):
     pytest.importorskip("pint")
     units = pyo.units
     m = pyo.ConcreteModel()
@@ -262,7 +195,7 @@ def test_units_stay_consistent(scheme, derivatives):
     m.way = Integral(m.t, rule=lambda m, t: m.x[t])
     m.cost = pyo.Objective(expr=m.way)
     assert_units_consistent(m)
-    OURS.apply_to(m, nfe=2, scheme=scheme, derivatives=derivatives)
+    OURS.apply_to(m, nfe=2, scheme=scheme)
     assert_units_consistent(m)
 
 

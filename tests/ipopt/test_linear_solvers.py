@@ -4,7 +4,6 @@ import io
 import os
 import subprocess
 import sys
-import threading
 
 import pyomo.environ as pyo
 import pytest
@@ -17,7 +16,6 @@ from pyrobocop_pyomo.ipopt import ipopt_run, linear_solver_options, linear_solve
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.ipopt.linear_solvers import predicted_factor, suits, with_linear_solver
 from pyrobocop_pyomo.linear_solver import SymmetricFactorisation, find_linear_solver
-from pyrobocop_pyomo.native.c_output import c_output_sent_to, standard_output
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 
 needs_the_solver = pytest.mark.skipif(find_linear_solver() is None, reason="there is no C compiler")
@@ -203,54 +201,3 @@ def test_threads_leave_standard_output_and_answers_as_they_are(words: str) -> No
         env={**os.environ, "OMP_NUM_THREADS": "1"},
     )
     assert run.stdout.splitlines()[-1] == "all solved: True", run.stdout + run.stderr
-
-
-@pytest.mark.ipopt
-@pytest.mark.heavy
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
-def test_a_forked_process_does_not_wait_for_a_thread_that_it_does_not_have() -> None:
-    script = """
-import os, threading
-from pyrobocop_pyomo.native.c_output import c_output_captured, c_output_sent_to
-import sys
-held, free = threading.Event(), threading.Event()
-def hold():
-    with c_output_captured():
-        held.set()
-        free.wait()
-thread = threading.Thread(target=hold)
-thread.start()
-held.wait()
-child = os.fork()
-if child == 0:
-    with c_output_sent_to([sys.stderr]):
-        pass
-    os._exit(7)
-status = os.waitpid(child, 0)[1]
-free.set()
-thread.join()
-print(os.waitstatus_to_exitcode(status))
-"""
-    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=900, check=True)
-    assert run.stdout.strip() == "7", run.stderr
-
-
-def test_a_solve_does_not_print_to_what_the_solve_of_another_thread_has_put_in_place_of_standard_output() -> None:
-    """It would be closed by the time at which it is its turn."""
-    ordinary, held, free, given = sys.stdout, threading.Event(), threading.Event(), []
-
-    def hold() -> None:
-        with c_output_sent_to([io.StringIO()]):
-            held.set()
-            free.wait(60)
-
-    threads = [threading.Thread(target=hold), threading.Thread(target=lambda: given.append(standard_output()))]
-    threads[0].start()
-    assert held.wait(60)
-    replaced = sys.stdout is not ordinary
-    threads[1].start()
-    free.set()
-    for thread in threads:
-        thread.join(60)
-    assert replaced
-    assert given == [ordinary]

@@ -29,9 +29,12 @@ def test_no_block_reads_or_writes_outside_of_its_arrays(tmp_path: Path) -> None:
     laws = Path(__file__).with_name("test_compiled_terms.py")
     # A copy of the package, imported from the working folder.
     compiled = shutil.ignore_patterns("__pycache__", "*.so")
-    shutil.copytree(Path(pyrobocop_pyomo.__file__).parent, tmp_path / "pyrobocop_pyomo", ignore=compiled)
+    folder = Path(pyrobocop_pyomo.__file__).parent
+    shutil.copytree(folder, tmp_path / "pyrobocop_pyomo", ignore=compiled)
+    for name in ("setup.py", "setup.cfg", "pyproject.toml", "README.md"):
+        shutil.copy(folder.parent / name, tmp_path)
     compiler = f"{GCC} -fsanitize=address,undefined -fno-sanitize-recover=all -g"
-    command = [sys.executable, "-m", "pyrobocop_pyomo", "build-native"]
+    command = [sys.executable, "setup.py", "build_ext", "--inplace"]
     subprocess.run(command, cwd=tmp_path, env={**os.environ, "CC": compiler}, check=True)
     ended = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", laws, "-k", "129 or ipopt_runs"],

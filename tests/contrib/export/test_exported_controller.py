@@ -1,6 +1,7 @@
 """A controller in C makes the plans of the one in Python."""
 
 import ctypes
+import shutil
 import subprocess
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -14,7 +15,7 @@ import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.contrib.export import export_controller
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
-from pyrobocop_pyomo.native.shared_library import FLAGS, find_compiler
+from pyrobocop_pyomo.native.shared_library import FLAGS
 
 pytestmark = pytest.mark.casadi
 
@@ -39,13 +40,13 @@ Step = Callable[[Mapping[str, float]], tuple[int, dict[str, float], np.ndarray]]
 def compiled(source: Path) -> Step:
     """As the header says it, but with the Ipopt that is found here."""
     library, ipopt = source.with_name("controller.so"), Path(load_ipopt_library().path)
-    compiler = find_compiler()
+    compiler = shutil.which("cc") or shutil.which("gcc")
     assert compiler is not None
     files = [str(file) for file in source.parent.glob("*.c")]
     link = [str(ipopt), f"-Wl,-rpath,{ipopt.parent}", "-ldl", "-lm"]
     # Symbols are bound within the library: those of the linear solver stand in others of this process as well. The
     # results are those of -O3, which takes longer to compile.
-    subprocess.run([*compiler, *FLAGS[:-1], "-O1", "-Wl,-Bsymbolic", *files, "-o", str(library), *link], check=True)
+    subprocess.run([compiler, *FLAGS[:-1], "-O1", "-Wl,-Bsymbolic", *files, "-o", str(library), *link], check=True)
     functions = ctypes.CDLL(str(library))
     functions.controller_plan.restype = ctypes.POINTER(ctypes.c_double)
     states, controls, variables = (
