@@ -248,6 +248,7 @@ class RightHandSides:
             When a delay is too short to go on.
         """
         begin, width, shape = self._starts[elements][0], float(self.widths[elements][0]), states.T.shape
+        first_step = options.pop("first_step", None)
         if options["method"] == "LSODA":  # elements know nothing of each other
             options |= dict.fromkeys(("lband", "uband"), len(states) - 1)
 
@@ -264,7 +265,10 @@ class RightHandSides:
         for first, last in pairwise(parts.tolist()):
             while first < last:
                 end = last if last - first < 1.001 * longest else first + longest
-                result = scipy.integrate.solve_ivp(slope, (first, end), state, dense_output=True, **options)
+                step = None if first_step is None else min(first_step, end - first)
+                result = scipy.integrate.solve_ivp(
+                    slope, (first, end), state, dense_output=True, first_step=step, **options
+                )
                 state = result.y[:, -1]
                 if not result.success or not np.isfinite(state).all():
                     self.reached = begin + width * float(result.t[-1])

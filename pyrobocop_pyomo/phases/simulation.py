@@ -68,6 +68,8 @@ class SimulationOptions:
         Coefficients of Newton's law of impact.
     most_evaluations : int, optional
         Of the right-hand sides, in all; the simulation stops beyond.
+    first_step : float, optional
+        Of each element, as a share of it; by default SciPy chooses.
     """
 
     method: str = "DOP853"
@@ -76,6 +78,7 @@ class SimulationOptions:
     unknown: Sequence[str] | None = None
     restitution: Mapping[str, float] = field(default_factory=dict)
     most_evaluations: int | None = None
+    first_step: float | None = None
 
 
 def simulate(
@@ -226,7 +229,7 @@ class _Run:
         assert rates is not None
         places, why = np.union1d(scheme.state_nodes, [0.0, 1.0]), ""
         if len(self._start):
-            settings: dict[str, Any] = {"method": options.method, "rtol": options.rtol, "atol": options.atol}
+            settings = {name: getattr(options, name) for name in ("method", "rtol", "atol", "first_step")}
             so_far = self._so_far if rates.are_delayed else None
             start, ends = self._start[:, None, None], np.array([0.0, 1.0])
             found, why = rates.through(slice(i, i + 1), start, ends, places, so_far, **settings)

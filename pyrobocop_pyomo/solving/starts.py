@@ -27,7 +27,7 @@ from .strategies import StartingPoint, Strategy
 logger = logging.getLogger(__name__)
 
 # A start need not be exact, and a stiff motion must not take long (LSODA would not stop where an exception is raised).
-SIMULATED_BY = SimulationOptions(method="RK45", rtol=1e-5, atol=1e-7, most_evaluations=5000)
+SIMULATED_BY = SimulationOptions("RK23", rtol=1e-2, atol=1e-3, most_evaluations=5000, first_step=1.0)
 # A copy has so many times fewer elements, and no fewer than this.
 COARSER = 4
 # Optima of a coarser mesh may be none of the problem.
