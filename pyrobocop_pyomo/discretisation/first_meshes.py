@@ -1,4 +1,4 @@
-"""First meshes: boundaries where statements name a time, or jump at one.
+"""First meshes: boundaries where statements name a time, jump at one, or read what was a while before.
 
 Inside an element a jump is seen by polynomials only, whatever their degree: the mesh that errors ask for would come
 near to it by halves. What changes without a jump is left to these errors.
@@ -17,7 +17,7 @@ from pyrobocop_pyomo.errors import PyRobocopError
 from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS, RELATION
 from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.numerics.mesh import mesh_with
+from pyrobocop_pyomo.numerics.mesh import mesh_of_delays, mesh_with
 from pyrobocop_pyomo.numerics.rounding import ROUNDING
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.phases.bounds_between_points import changing_places, stated_formulas
@@ -58,7 +58,8 @@ def mesh_from_statement(phases: Sequence[Any]) -> list[str]:
         if fixed or why_its_mesh_is_stated(phase) is not None:
             continue
         try:
-            wanted = mesh_with(mesh, [*record.named_times, *_jumps_stated(phase)])
+            jumps, delays = _times_stated(phase)
+            wanted = mesh_with(mesh_of_delays(mesh, delays, most), [*record.named_times, *jumps])
             if wanted == mesh or wanted.elements > most:
                 continue
             remesh_phases({phase: wanted})
@@ -67,13 +68,13 @@ def mesh_from_statement(phases: Sequence[Any]) -> list[str]:
             continue
         remarks.append(
             f"The mesh of '{phase.name}' has {wanted.elements} elements in place of {mesh.elements}, with boundaries "
-            "at times that statements name, or at which they jump."
+            "at times that statements name, at which they jump, or at which delayed values are points again."
         )
     return remarks
 
 
-def _jumps_stated(phase: Any) -> list[float]:
-    """Time indices beside which statements jump, on the side that the scheme's points need."""
+def _times_stated(phase: Any) -> tuple[list[float], list[float]]:
+    """Time indices beside which statements jump, on the side that the scheme's points need, and all their delays."""
     record, indices = phase.record, phase.record.grid.mesh.boundaries
     grid, scheme = real_grid(phase), phase.grid.scheme
     formulas = RuleFormulas(phase, grid)
@@ -99,7 +100,9 @@ def _jumps_stated(phase: Any) -> list[float]:
     # The element that ends at a jump has a point there, which belongs to the values before it; or one that starts.
     side = 1.0 if scheme.starts_on_a_stage and not scheme.stiffly_accurate else -1.0
     beside = side * ROUNDING * (indices[-1] - indices[0])
-    return [jump + beside for jump in sorted(jumps)]
+    per_index = grid.mesh.boundaries[-1] - grid.mesh.boundaries[0] if record.normalised else 1.0
+    delays = {delay / per_index for _, delay in formulas.delays}
+    return [jump + beside for jump in sorted(jumps)], sorted(delay for delay in delays if delay > 0.0)
 
 
 def _sign_changes(difference: Any, times: Array) -> Iterator[float]:

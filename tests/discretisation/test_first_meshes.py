@@ -161,3 +161,24 @@ def test_a_time_that_a_statement_names_is_a_boundary_or_the_error_is_not_known(h
     for found in (coarse.discretisation, held.discretisation):
         assert found.objective_error is None
         assert "t = 0.77, inside of elements" in found.remarks[0]
+
+
+# -------------------------------------------------------------------- delays
+
+
+@pytest.mark.ipopt
+def test_a_delayed_control_is_read_at_points_of_the_mesh() -> None:
+    def delayed(elements: int) -> Any:
+        m, b = one_phase(duration=4.0, elements=elements)
+        b.x, b.u = rcp.State(initial=1.0, history=1.0), rcp.Control(history=0.5)
+        b.ode(lambda b, t: {b.x: -b.x[t] + 0.8 * b.x.delayed(t, 0.7) + b.u.delayed(t, 0.7)})
+        m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.x[t] ** 2 + 0.2 * b.u[t] ** 2))
+        return m
+
+    m = delayed(10)
+    result = rcp.solve(m)
+    exact = rcp.solve(delayed(280), mesh_tolerance=None)  # 49 elements for a delay
+    assert result.solved
+    assert result.objective == pytest.approx(exact.objective, rel=1e-4)
+    boundaries = np.array(m.p.grid.mesh.boundaries)
+    assert max(np.abs(boundaries - earlier).min() for earlier in boundaries[boundaries > 0.7] - 0.7) < 1e-9
