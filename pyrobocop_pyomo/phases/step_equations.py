@@ -21,7 +21,6 @@ from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.mixed_complementarity import ComplementarityValues, MixedComplementarity
 
 from .record import PhaseRecord
-from .row_rules import Rates
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +137,7 @@ def given_at_points(block: Any, name: str) -> Mapping[float, Any]:
     """What an ode or a step map gives for a state at the points of the mesh."""
     record: PhaseRecord = block.record
     if name not in record.discrete_states:
-        return Rates(block, name)
+        return record.rates[name]
     # Rows of a step: the state at the end of the element less what is stated.
     state, steps = block.component(name), block.component(f"{name}_step")
     ends = {t: record.grid.node_times[i][-1] for t, i in record.grid.element_of.items()}
