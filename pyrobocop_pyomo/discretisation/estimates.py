@@ -26,8 +26,6 @@ _MOTION = SMALL_MOTION_ERROR / SMALL_OBJECTIVE_ERROR
 CANCELLED = 0.2
 # An objective below this is zero, but for the tolerance of the solver; its error is compared with this instead.
 ZERO_OBJECTIVE = 1e-8
-# What would take more elements than this is not advised.
-_MOST_ADVISED = 10_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,10 +35,6 @@ class PhaseEstimate(Presented):
     Attributes
     ----------
     name : str
-    order : int
-        Of its scheme at element ends.
-    order_of_costs : int
-        Of the objective on finer meshes.
     motion : array, shape (N,), or None
         How far each element ends from where the equations lead under the controls of the plan, as a part of the size
         of each state; the largest of all states.
@@ -59,18 +53,14 @@ class PhaseEstimate(Presented):
         the mean excess beside each point times the multiplier there. `objective` is at least as large.
     excesses : array, shape (N,), or None
         How far each element passes bounds of states and path inequalities of states alone between the points, as a part
-        of the size of what is limited, where that is above one. Those that controls or algebraics can meet are not
+        of the size of what is limited, down to a thousandth. Those that controls or algebraics can meet are not
         looked at: other controls between the points meet them.
-    relative_excesses : array, shape (N,), or None
-        The same as a part of the size also where that is below one, down to a thousandth.
     bounds_passed : str
         Which states pass their bounds between the points of the mesh, and which controls by more than a hundredth of
         their size, as a sentence; empty where none does.
     """
 
     name: str
-    order: int
-    order_of_costs: int
     motion: Array | None
     state: str
     largest: float
@@ -79,7 +69,6 @@ class PhaseEstimate(Presented):
     net: float | None = None
     passed: float = 0.0
     excesses: Array | None = None
-    relative_excesses: Array | None = None
     bounds_passed: str = ""
 
     @property
@@ -172,29 +161,6 @@ class DiscretisationEstimate(Presented):
     def _passes_limits(self) -> bool:
         return self.excess is not None and not self.excess <= SMALL_MOTION_ERROR
 
-    def elements_for(self, objective: float = SMALL_OBJECTIVE_ERROR, motion: float = SMALL_MOTION_ERROR) -> int | None:
-        """How many elements of all phases together are expected to meet tolerances, by the orders of the schemes.
-
-        Parameters
-        ----------
-        objective, motion : float
-            As parts of the sizes of the objective and of the states.
-        """
-        total = 0
-        of_objective = self.relative_objective_error
-        for phase in self.phases.values():
-            if phase.elements is None:
-                return None
-            factors = [1.0]
-            if of_objective is not None:
-                factors.append((of_objective / objective) ** (1.0 / phase.order_of_costs))
-            if phase.relative is not None:
-                factors.append((phase.relative / motion) ** (1.0 / (phase.order + 1)))
-            if not np.isfinite(factors).all():
-                return None
-            total += math.ceil(phase.elements * min(max(factors), _MOST_ADVISED))
-        return total if 0 < total <= _MOST_ADVISED else None
-
     @property
     def largest_known_motion_error(self) -> float:
         """The largest error of the motion in any element, as a part of the size of a state; NaN where none is known."""
@@ -218,7 +184,7 @@ class DiscretisationEstimate(Presented):
             What errors of limits and of the objective may be, relative to sizes; that of the motion ten times so much.
         """
         of_objective = self.relative_objective_error
-        errors = [self._largest("motion") / _MOTION, self._largest("relative_excesses")]
+        errors = [self._largest("motion") / _MOTION, self._largest("excesses")]
         return float(np.fmax.reduce([*errors, math.nan if of_objective is None else of_objective])) / tolerance
 
     def finer(
@@ -258,8 +224,8 @@ class DiscretisationEstimate(Presented):
         errors, of = np.zeros(elements), self.phases.get(name)
         if of is not None and of.motion is not None:
             errors = of.motion / _MOTION
-        if of is not None and of.relative_excesses is not None:
-            errors = np.maximum(errors, of.relative_excesses)
+        if of is not None and of.excesses is not None:
+            errors = np.maximum(errors, of.excesses)
         if of is not None and of.objective is not None:
             count = sum(len(other.objective) for other in self.phases.values() if other.objective is not None)
             errors = np.maximum(errors, of.objective * count / max(abs(self.objective), ZERO_OBJECTIVE))
@@ -314,7 +280,7 @@ class DiscretisationEstimate(Presented):
         return f"error of the mesh, estimated: {', '.join(parts)}" if parts else ""
 
     def in_words(self) -> str:
-        """What is large, and how many elements would do; empty where nothing is."""
+        """What is large, and what helps; empty where nothing is."""
         if not self.is_large:
             return ""
         off = []
@@ -326,14 +292,8 @@ class DiscretisationEstimate(Presented):
             off.append(f"the objective {'' if off else 'is off '}by {self._objective_error_in_words(objective)}")
         if self._passes_limits:
             off.append(f"a limit of states is passed between the points by {percent(self.excess or 0.0)} of its size")
-        return f"{', '.join(off)}; take {self._finer()}"
-
-    def _finer(self) -> str:
-        # What is passed between the points says nothing of how many would do.
-        count = None if self._passes_limits else self.elements_for()
-        now = sum(phase.elements or 0 for phase in self.phases.values())
-        return "more elements" if count is None or count <= now else f"about {count} elements in place of {now}"
+        return f"{', '.join(off)}; take more elements"
 
     def __str__(self) -> str:
-        advice = f"The mesh is coarse: take {self._finer()}." if self.is_large else ""
+        advice = "The mesh is coarse: take more elements." if self.is_large else ""
         return "\n".join(line for line in (self.sentence(), advice, *self.remarks) if line)

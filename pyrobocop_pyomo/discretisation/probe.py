@@ -134,20 +134,19 @@ class _Captured:
         remarks: list[str] = []
         motion, state, largest, objective, net, flattered = None, "", 0.0, None, None, 0.0
         name = self.phase.name
-        scheme = self._trajectory.grid.scheme
         reason = asked_by_point(self.phase)
         if self.phase.record.discrete_states:
             reason = f"phase '{name}': step maps lead its states; on another mesh it would be another motion."
         if reason is not None:
-            return PhaseEstimate(name, scheme.order, scheme.order_of_costs, None, "", 0.0, None, (reason,))
-        excesses = relative_excesses = None
+            return PhaseEstimate(name, None, "", 0.0, None, (reason,))
+        excesses = None
         with self._remarked(remarks, "error of the motion not estimated"):
             motion, state, largest = self._motion()
         with self._remarked(remarks, "error of the objective not estimated"):
             nets, objective, parts = self._errors_of_objective(abs(size))
             net, flattered = float(nets.sum()), float(parts.sum())
         with self._remarked(remarks, "what is passed between the points is not known"):
-            excesses, relative_excesses = self._excesses(1.0), self._excesses(0.0)
+            excesses = self._excesses()
         # A control with a value at each point passes a bound by a little wherever it is on it: verify() tells that.
         told = {
             name: of
@@ -157,8 +156,8 @@ class _Captured:
         }
         beyond = sentence_on_bounds(told)
         return PhaseEstimate(
-            name, scheme.order, scheme.order_of_costs, motion, state, largest, objective, tuple(remarks), net,
-            flattered, excesses, relative_excesses, f"phase '{name}': {beyond}" if beyond else "",
+            name, motion, state, largest, objective, tuple(remarks), net,
+            flattered, excesses, f"phase '{name}': {beyond}" if beyond else "",
         )  # fmt: skip
 
     @contextmanager
@@ -183,11 +182,11 @@ class _Captured:
         each = (rows_passed(*self._known, statement) for statement in self.phase.record.statements_of("constraint"))
         return {name: of for found in each for name, of in found.items()}
 
-    def _excesses(self, smallest_size: float) -> Array:
-        """How far each element passes what states alone have to keep, in sizes, where these are above the smallest."""
+    def _excesses(self) -> Array:
+        """How far each element passes what states alone have to keep, in sizes."""
         found = [of for of in (*self._bounds.values(), *self._rows.values()) if not of.is_control]
         none = np.zeros(self._trajectory.grid.mesh.elements)
-        return np.max([none, *(of.of_elements / max(smallest_size, of.size) for of in found)], axis=0)
+        return np.max([none, *(of.of_elements / of.size for of in found)], axis=0)
 
     def _errors_of_objective(self, size: float) -> tuple[Array, Array, Array]:
         """As `PhaseLagrangian.errors`."""

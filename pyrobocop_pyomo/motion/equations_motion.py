@@ -182,8 +182,8 @@ def needed_reductions(phase: Any, reduction: float, after: tuple[Any, ...] = ())
     if not before:
         return [(phase, reduction)]
     own, led = _states(phase), reintegrated(phase, after)
-    shares = [(phase, by_own := _apart(own.states, own.planned, own.planned))]
-    taken_over = 0.0 if by_own == LOST else _apart(led.states, own.states, own.planned)
+    shares = [(phase, by_own := _apart(own.open_loop, own.planned, own.planned))]
+    taken_over = 0.0 if by_own == LOST else _apart(led.open_loop, own.open_loop, own.planned)
     shares += [(other, taken_over) for other in before]
     allowed = reduction * max(share for _, share in shares)
     needed = [(of, allowed / share) for of, share in shares if share > allowed]
@@ -213,7 +213,7 @@ def _refuse_far_companion(phase: Any, other: Any) -> None:
     """Equations read the plan of another phase: its motion must be that, by a small share of the size of each state."""
     motion = _states(other)
     for name, planned in motion.planned.items():
-        led = None if motion.states is None else motion.states[name]
+        led = None if motion.open_loop is None else motion.open_loop[name]
         away = np.inf if led is None else float(np.abs(led - planned).max())
         if not away <= FAR_COMPANION * max(1.0, float(np.abs(planned).max())):
             raise TrajectoryError(
@@ -257,7 +257,7 @@ def _differences(template: SignalFormulas, found: Mapping[int, Any], intervals: 
         reintegration = found.get(id(home))
         if reintegration is None:
             continue
-        states = reintegration.states
+        states = reintegration.open_loop
         name = signal.component.local_name
         if states is None:
             led[slot] = np.full(len(interval), np.inf)

@@ -65,11 +65,17 @@ class Impacts:
         def moves(side: Any) -> bool:
             return any(id(variable) in states for variable in variables_read(side))
 
-        # Of a pair that states the force first the other side is the gap.
-        turned = [moves(pair.other) and not moves(pair.body) for pair in pairs]
+        # Both sides of a pair say the same; those of a range, and of a side of any sign, do not.
+        alike = [(pair.lower, pair.upper, pair.either) == (0.0, np.inf, False) for pair in pairs]
+        turned = [same and moves(of.other) and not moves(of.body) for of, same in zip(pairs, alike, strict=True)]
         self._turned = self._watched & np.array(turned, dtype=bool)
         self._gaps: Array | None = None
         self._speeds = np.zeros(len(pairs))
+
+    def gaps_first(self, pairs: Sequence[PairStatement]) -> list[PairStatement]:
+        """Pairs of a step, those turned that state the force first."""
+        each = zip(pairs, self._turned, strict=True)
+        return [replace(pair, body=pair.other, other=pair.body) if turned else pair for pair, turned in each]
 
     def solved(
         self, system: StepSystem, guess: Array, share_of: Callable[[float], StepSystem], shortest: float
@@ -92,13 +98,13 @@ class Impacts:
             self._gaps = self._apart(share_of(0.0), guess, self._watched)
             later = share_of(shortest)
             self._speeds = (self._apart(later, guess, self._watched) - self._gaps) / later.length
-        closing, at = np.zeros(len(self._gaps), dtype=bool), self._gaps_first(system.values(solution.point))
+        closing, at = np.zeros(len(self._gaps), dtype=bool), system.values(solution.point)
         while (found := self._watched & (self._speeds < -NEGLIGIBLE) & (at.other > NEGLIGIBLE) & ~closing).any():
             closing |= found
             solution = self._rebound(system, guess, closing)
             if not solution.solved:
                 return solution
-            at = self._gaps_first(system.values(solution.point))
+            at = system.values(solution.point)
         self._speeds, self._gaps = (at.body - self._gaps) / system.length, at.body
         return solution
 
@@ -120,7 +126,7 @@ class Impacts:
     def _apart(self, system: StepSystem, guess: Array, chosen: Array) -> Array:
         """Gaps at the end of a step in which some pairs exert no force, as ``force >= 0 ⟂ force >= 0`` says."""
         solution = self._with_bodies(system, guess, chosen, lambda at: (at.other, at.other_jacobian))
-        at = self._gaps_first(system.values(solution.point))
+        at = system.values(solution.point)
         return at.body if solution.solved or self._gaps is None else self._gaps
 
     def _with_bodies(
@@ -133,20 +139,9 @@ class Impacts:
         """A step with other bodies, and their derivatives, in place of some."""
 
         def evaluate(point: Array) -> ComplementarityValues:
-            at = self._gaps_first(system.values(point))
+            at = system.values(point)
             body, slopes = body_of(at)
             slopes = np.where(chosen[:, None], slopes, at.body_jacobian)
             return replace(at, body=np.where(chosen, body, at.body), body_jacobian=slopes)
 
         return solve_mixed_complementarity(replace(system.problem(), evaluate=evaluate), guess)
-
-    def _gaps_first(self, values: ComplementarityValues) -> ComplementarityValues:
-        """The values with the sides turned of pairs that state the force first."""
-        turned = self._turned
-        return replace(
-            values,
-            body=np.where(turned, values.other, values.body),
-            other=np.where(turned, values.body, values.other),
-            body_jacobian=np.where(turned[:, None], values.other_jacobian, values.body_jacobian),
-            other_jacobian=np.where(turned[:, None], values.body_jacobian, values.other_jacobian),
-        )

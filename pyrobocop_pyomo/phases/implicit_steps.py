@@ -424,8 +424,7 @@ def stepped_flows(
         When contacts cannot be followed.
     """
     starts = np.array([trajectory.element_states(name)[:, 0] for name in trajectory.states]).T
-    tolerance = 1e-6 if rates.equations.needs_steps else 1e-8
-    most_steps = 2000 + 10 * len(starts) * (len(parts) - 1)
+    tolerance, most_steps = 1e-6, 2000 + 10 * len(starts) * (len(parts) - 1)
     steps = ElementSteps(rates, scales, tolerance, most_steps)
     whole = [steps.through(0, first, parts, fractions)]
     for i in range(1, len(starts)):

@@ -73,11 +73,6 @@ class Reintegration:
     delayed: bool = False
 
     @property
-    def states(self) -> Mapping[str, Array] | None:
-        """The motion of the equations: the open loop."""
-        return self.open_loop
-
-    @property
     def how(self) -> str:
         """How the motion of the equations was found, in words."""
         if self.contact:
@@ -87,7 +82,7 @@ class Reintegration:
     @property
     def errors(self) -> Array:
         """Largest difference of any state from the plan inside each element, shape ``(N,)``; infinite where unknown."""
-        return self._largest(self.states, self.planned)
+        return self._largest(self.open_loop, self.planned)
 
     def end_errors(
         self, of: Mapping[str, Array] | None, trajectory: Trajectory, sizes: Mapping[str, float] | None = None

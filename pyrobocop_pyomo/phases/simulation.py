@@ -205,6 +205,8 @@ class _Run:
                     "controls={...}."
                 )
         self._impacts = Impacts(self._rows[0].pairs, self._options.restitution, states, f"phase '{block.name}'")
+        for of in self._rows:
+            of.pairs[:] = self._impacts.gaps_first(of.pairs)
 
     def through(self, i: int) -> str:
         """Find one element; returns what has failed, in words, or nothing."""

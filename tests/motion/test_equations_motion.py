@@ -141,8 +141,8 @@ def test_a_wall_that_is_never_touched_hides_nothing_of_the_motion(kind: str) -> 
     )  # fmt: skip
     times = (np.arange(5)[:, None] + motion.fractions) * 0.4
     x, y = exact.sol(times.ravel())[:2]
-    np.testing.assert_allclose(motion.states["x"].ravel(), x, atol=1e-4)
-    np.testing.assert_allclose(motion.states["y"].ravel(), y, atol=1e-4)
+    np.testing.assert_allclose(motion.open_loop["x"].ravel(), x, atol=1e-4)
+    np.testing.assert_allclose(motion.open_loop["y"].ravel(), y, atol=1e-4)
     keep_clear(b, DOT, {"post": rcp.Polytope.ball(0.05, (float(x[-1]), float(y[-1])))}, clearance=0.01)
     report = b.avoid.verify()
     assert report.body_pairs[0].distance > 0.01  # of the plan
