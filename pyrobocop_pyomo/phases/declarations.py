@@ -102,7 +102,8 @@ class BoundsOverTime:
 
     def __call__(self, b: Any, t: Any) -> Any:
         """Both sides, where there are any, at a time index."""
-        bounded, (lower, upper) = getattr(b, self.name)[t], self.function(t)
+        bounded, sides = getattr(b, self.name)[t], self.function(t)
+        lower, upper = UNBOUNDED if sides is None else sides
         above = {} if lower is None else {"lower": bounded >= lower}
         return above if upper is None else {**above, "upper": bounded <= upper}
 
