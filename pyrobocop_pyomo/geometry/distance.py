@@ -84,8 +84,6 @@ def signed_distance(
         raise ObstacleError(
             f"'{first.name}' and '{second.name}' overlap without end: no translation separates them. Bound one of them."
         )
-    if first.radius == 0.0 and second.radius == 0.0:
-        return core
     return SignedDistance(
         core.distance - first.radius - second.radius,
         core.normal,

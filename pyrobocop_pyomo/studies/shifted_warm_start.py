@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -31,8 +30,6 @@ class ShiftedPlan:
 
     def __init__(self, phase: Any, values: PhaseValues) -> None:
         self._phase, self._values = phase, values
-        # Rates that are values of their own may belong to the polynomials of the states.
-        self._by_trajectory = bool(phase.record.kept_derivatives)
         # A controller has one distance, or a few that its clock gives.
         self._moves_for = lru_cache(maxsize=8)(self.moves)
 
@@ -46,10 +43,6 @@ class ShiftedPlan:
         advance : float
             In the time of the phase.
         """
-        if self._by_trajectory:
-            rates = {name: values[f"{name}_derivative"] for name in self._phase.record.kept_derivatives}
-            plan = replace(self._values.trajectory(values, evaluate=False), rates=rates)
-            return self._values.sampled(plan, lambda t: t + advance)
         moves = self._moves_for(advance)
         return {name: moves[name](found) for name, found in values.items()}
 
