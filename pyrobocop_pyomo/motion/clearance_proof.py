@@ -112,13 +112,10 @@ def verify_clearance(
     ends = motion.interval_ends
     with np.errstate(all="ignore"):  # what is not finite is never proven
         results = _proven(proofs, ends)
-    lines = dict.fromkeys(name for shape in parts if shape.template for name in shape.template.parameters)
-    names = ", ".join(f"'{name}'" for name in lines)
-    assumed = f"; straight lines between the values of {names}, which is assumed" if names else ""
     return SafetyReport(
         tuple(results),
-        motion=motion.description + assumed,
-        motion_is_assumed=motion.is_assumed or bool(lines),
+        motion=motion.description,
+        motion_is_assumed=motion.is_assumed,
         equations=led.statement,
     )
 

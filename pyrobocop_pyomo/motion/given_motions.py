@@ -146,7 +146,7 @@ def _given_motion(
         values = samples[signal.component.local_name][interval]
         return np.linspace(0.0, 1.0, len(values)), values.tolist()
 
-    return Motion(model, points, intervals, words, polynomial, moves_parameters=True, **facts)
+    return Motion(model, points, intervals, words, polynomial, **facts)
 
 
 def motion_along_paths(

@@ -8,7 +8,6 @@ value and the increments ``h f``. `motion_of` finds the motion over a phase, a c
 from __future__ import annotations
 
 import itertools
-from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -17,10 +16,8 @@ from typing import Any
 
 import numpy as np
 from pyomo.core.base.constraint import Constraint
-from pyomo.core.base.param import Param
-from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
-from pyomo.dae import ContinuousSet, DerivativeVar
+from pyomo.dae import ContinuousSet
 from pyomo.repn import generate_standard_repn
 
 from pyrobocop_pyomo.continuous.record import Discretisation, discretisation_of
@@ -39,7 +36,7 @@ from .rules_along_motion import item_at, parent_of, pose_along
 
 STATES_ONLY = (
     "Between the nodes only states move continuously. Let the pose read states, numbers and functions of t and "
-    "time_at(t) only. Make anything else that it needs a state, with an ode."
+    "time_at(t) only. Make anything else that it needs a state, with an ode; places over time are a TablePath."
 )
 Nodes = tuple[tuple[float, ...], ...]
 
@@ -71,8 +68,6 @@ class Motion:
         Whether nothing in the model says that the motion between the nodes is this one.
     has_equations : bool
         Whether the equations of the motion, where it has any, are on the model.
-    moves_parameters : bool
-        Whether parameters over the nodes are signals like others; elsewhere their values are joined by lines.
     phase : PhaseBlock or None
         Whose states move along the points.
     """
@@ -85,12 +80,7 @@ class Motion:
     refuse: Callable[[Item], None] = _refuse_nothing
     is_assumed: bool = False
     has_equations: bool = True
-    moves_parameters: bool = False
     phase: Any = None
-
-    def joins_lines(self, signal: Item) -> bool:
-        """Whether a signal has values at the nodes only, which are joined by lines: parameters over the nodes."""
-        return signal.component.ctype is Param and not self.moves_parameters
 
     def check(self, signal: Item, *, early: bool = False) -> None:
         """Raise `ObstacleError` for a signal that is not continuous.
@@ -101,16 +91,7 @@ class Motion:
         early : bool
             True while the model is still being stated: what ties two durations may come later.
         """
-        if not self.joins_lines(signal):
-            self.refuse(signal)
-
-    def polynomial_around(self, signal: Item, interval: int, fraction: float) -> tuple[Any, list[Any]]:
-        """The polynomial that a signal follows at a local fraction; of one that is joined by lines, the line there."""
-        if not self.joins_lines(signal):
-            return self.polynomial(signal, interval)
-        fractions = self.local_fractions(interval)
-        k = min(bisect_right(fractions, fraction), len(fractions) - 1)
-        return fractions[k - 1 : k + 1], [item_at(signal, node) for node in self.intervals[interval][k - 1 : k + 1]]
+        self.refuse(signal)
 
     def check_time_of(self, phase: Any) -> None:
         """Raise `ObstacleError` where ``phase.time_at`` does not map the indices to time."""
@@ -255,8 +236,6 @@ class PhaseMotion(Motion):
 
     def check(self, signal: Item, *, early: bool = False) -> None:
         """Refuse what is no state of the phase, or of one at the same times."""
-        if self.joins_lines(signal):
-            return
         refuse_other_times(self.phase, self._home_of(signal.component), early=early)
         home, name = self._state_of(signal)
         refuse_other_times(self.phase, home, early=early)
@@ -341,12 +320,6 @@ def _same_durations(phase: Any, other: Any) -> bool:
 # ------------------------------------------------------------------------------------------------ along continuous sets
 
 
-def _refuse_no_state(domain: Any, at: float, is_state: Callable[[Any], bool], signal: Item) -> None:
-    """Refuse what has no derivative along a continuous set."""
-    if not is_state(parent_of(item_at(signal, at))):
-        raise ObstacleError(f"'{signal.name}' has no derivative along '{domain.name}'. {STATES_ONLY}")
-
-
 def _motion_along_discretisation(block: Any, points: tuple[Any, ...], discretisation: Discretisation) -> Motion:
     """Motion along a `ContinuousSet` that the transformation `pyrobocop.collocation` has discretised."""
     domain, grid = discretisation.domain, discretisation.grid
@@ -359,8 +332,10 @@ def _motion_along_discretisation(block: Any, points: tuple[Any, ...], discretisa
         shown = discretisation.substitutions.get(derivative, derivative)
         return {time: shown[variable.index()] for time, variable in data.items()}
 
-    def is_state(component: Any) -> bool:
-        return any(state is component for state in discretisation.states)
+    def refuse(signal: Item) -> None:
+        component = parent_of(item_at(signal, grid.points[0]))
+        if not any(state is component for state in discretisation.states):
+            raise ObstacleError(f"'{signal.name}' has no derivative along '{domain.name}'. {STATES_ONLY}")
 
     return Motion(
         block,
@@ -368,62 +343,13 @@ def _motion_along_discretisation(block: Any, points: tuple[Any, ...], discretisa
         intervals_of_grid(grid),
         f"the polynomials of the states along '{domain.name}' ({grid.scheme.name})",
         partial(_through_stages, grid, rates, lambda interval: float(grid.mesh.widths[interval])),
-        partial(_refuse_no_state, domain, grid.points[0], is_state),
+        refuse,
     )
 
 
-def _through_nodes(intervals: Nodes, support: Nodes, signal: Item, interval: int) -> tuple[list[float], list[Any]]:
-    """The polynomial through given nodes of each interval."""
-    start, end = intervals[interval][0], intervals[interval][-1]
-    nodes = support[interval]
-    return [(node - start) / (end - start) for node in nodes], [item_at(signal, node) for node in nodes]
-
-
-def _motion_along_set(block: Any, domain: Any) -> Motion:
-    """Motion along a continuous set that `pyomo.dae` itself has discretised.
-
-    With collocation, variables that have a derivative follow the polynomial through the start of the element and its
-    collocation points. With finite differences they change linearly from point to point.
-
-    Raises
-    ------
-    ObstacleError
-        When the set is not discretised.
-    """
-    facts = domain.get_discretization_info()
-    if "scheme" not in facts:
-        raise ObstacleError(
-            f"'{domain.name}': a continuous set that is not discretised. Apply pyrobocop.collocation, or a "
-            "transformation of pyomo.dae, before obstacles are added."
-        )
-    points, is_collocation = tuple(domain), "tau_points" in facts
-    intervals: Nodes = tuple(itertools.pairwise(points))
-    support = intervals
-    words = f"straight lines between the points of '{domain.name}' ({facts['scheme']}), which is assumed"
-    if is_collocation:
-        boundaries = domain.get_finite_elements()
-        intervals = tuple(
-            tuple(point for point in points if start <= point <= end) for start, end in itertools.pairwise(boundaries)
-        )
-        support = tuple(nodes[: len(facts["tau_points"])] for nodes in intervals)
-        words = f"the polynomials of the states along '{domain.name}' ({facts['scheme']})"
-    refuse = partial(_refuse_no_state, domain, points[0], partial(_has_derivative, domain=domain))
-    polynomial = partial(_through_nodes, intervals, support)
-    return Motion(block, points, intervals, words, polynomial, refuse, is_assumed=not is_collocation)
-
-
-def _has_derivative(component: Any, domain: Any) -> bool:
-    """Whether the model has a derivative of a variable along a set."""
-    if component is None:
-        return False
-    # pyomo.dae turns the derivatives that it has discretised into plain variables.
-    components = domain.model().component_objects((Var, DerivativeVar), descend_into=True)
-    return any(
-        derivative.get_state_var() is component
-        for derivative in components
-        if isinstance(derivative, DerivativeVar)
-        and any(along is domain for along in derivative.get_continuousset_list())
-    )
+def _line(intervals: Nodes, signal: Item, interval: int) -> tuple[list[float], list[Any]]:
+    """The line between the ends of an interval."""
+    return [0.0, 1.0], [item_at(signal, node) for node in intervals[interval]]
 
 
 def motion_of(point_set: Any, parent_block: Any) -> Motion:
@@ -432,9 +358,10 @@ def motion_of(point_set: Any, parent_block: Any) -> Motion:
     Parameters
     ----------
     point_set : Set or sequence
-        ``time`` or ``points`` of a `PhaseBlock`, or a discretised `ContinuousSet`: intervals are the elements, and
-        states follow the collocation polynomial. Numbers in increasing order: two consecutive points are an interval,
-        on which everything that is indexed by the set changes linearly. Anything else: there are no intervals.
+        ``time`` or ``points`` of a `PhaseBlock`, or a `ContinuousSet` that ``pyrobocop.collocation`` has discretised:
+        intervals are the elements, and states follow the collocation polynomial. Numbers in increasing order: two
+        consecutive points are an interval, on which everything that is indexed by the set changes linearly. Anything
+        else: there are no intervals.
     parent_block : Block
         First argument of pose rules.
 
@@ -446,14 +373,17 @@ def motion_of(point_set: Any, parent_block: Any) -> Motion:
     if getattr(point_set, "ctype", None) is ContinuousSet:
         ours = discretisation_of(point_set)
         if ours is None:
-            return _motion_along_set(parent_block, point_set)
+            raise ObstacleError(
+                f"'{point_set.name}': a continuous set that is not discretised by pyrobocop.collocation. Apply that "
+                "before obstacles are added."
+            )
         return _motion_along_discretisation(parent_block, tuple(point_set), ours)
     home = point_set.parent_block() if hasattr(point_set, "parent_block") else None
     if isinstance(home, PhaseBlockData) and (point_set is home.time or point_set is home.points):
         return PhaseMotion(parent_block, tuple(point_set), home)
     points = tuple(point_set)
     intervals: Nodes = tuple(itertools.pairwise(points))
-    polynomial = partial(_through_nodes, intervals, intervals)
+    polynomial = partial(_line, intervals)
     if not _is_ordered(point_set) or not all(map(_is_number, points)) or not intervals:
         alone = "the points alone; nothing is known of the motion between them"
         return Motion(parent_block, points, (), alone, polynomial)

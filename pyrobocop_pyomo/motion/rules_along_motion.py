@@ -179,7 +179,7 @@ class RuleAlongMotion:
                 return motion.time_at(index)
             if not isinstance(slot, Item):
                 return slot.on_model(Place(motion.block, index))
-            fractions, leaves = motion.polynomial_around(slot, interval, fraction)
+            fractions, leaves = motion.polynomial(slot, interval)
             weights = evaluation_matrix(fractions, fraction)[0].tolist()
             if all(map(is_plain_variable, leaves)):
                 return LinearExpression(linear_vars=leaves, linear_coefs=weights)
@@ -307,24 +307,19 @@ class Signal:
     polynomial : PiecewisePolynomial
     component : Var or None
         What it is read from; None for the time.
-    lines : TableFunction, optional
-        What it is of the polynomial, where its values at the nodes are joined by lines.
     """
 
     at_node: Callable[[Any], float]
     polynomial: PiecewisePolynomial
     component: Any = None
-    lines: TableFunction | None = None
 
     def values(self, interval: Indices, fraction: Array) -> Array:
         """Values at local fractions of intervals, shape ``(m,)``."""
-        found = self.polynomial.values(interval, fraction)
-        return found if self.lines is None else self.lines.values(found[:, None])[:, 0]
+        return self.polynomial.values(interval, fraction)
 
     def taylor_form(self, interval: Indices, start: Array, end: Array) -> TaylorForm:
         """Bounds on subintervals; derivatives are with respect to the local fraction."""
-        form = self.polynomial.taylor_form(interval, start, end)
-        return form if self.lines is None else self.lines.taylor_form(form, 0)
+        return self.polynomial.taylor_form(interval, start, end)
 
 
 class SignalFormulas:
@@ -365,11 +360,6 @@ class SignalFormulas:
         if not np.isfinite(entries).all():
             worst = int(np.argmin(np.isfinite(entries).all(axis=1)))
             raise ObstacleError(f"{rule.label}: it has no finite value at t = {nodes[worst]:g}.")
-
-    @property
-    def parameters(self) -> list[str]:
-        """Names of the parameters over time that are joined by lines, which is assumed."""
-        return [signal.lines.name for signal in self.signals.values() if signal.lines is not None]
 
     def values(self, interval: Indices, fraction: Array) -> Array:
         """Entries at local fractions of intervals, shape ``(m, entries)``."""
@@ -437,11 +427,6 @@ class SignalFormulas:
         def at_node(node: Any) -> float:
             return _number(item_at(item, node), item.name)
 
-        if motion.joins_lines(item):
-            nodes = motion.nodes
-            values = np.array([[at_node(node)] for node in nodes])
-            lines = TableFunction(item.name, np.array(nodes, dtype=float), values, [item.name])
-            return Signal(at_node, self._linear(float).polynomial, lines=lines)
         coefficients = []
         for interval in range(len(motion.intervals)):
             fractions, leaves = motion.polynomial(item, interval)

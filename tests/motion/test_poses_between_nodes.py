@@ -158,16 +158,11 @@ def expressions_by_rules() -> Followed:
     return motion_of(b.time, m), pose, 0, 0.3, [(2 * at["x"] + 0.3) ** 2, 2 * at["y"] + 0.3]
 
 
-def finite_differences() -> Followed:
-    m = free_fall(transformation="dae.finite_difference", nfe=4, scheme="BACKWARD")
-    return motion_of(m.t, m), lambda b, t: planar_pose(b.x[t], t), 1, 0.5, [0.625, 0.75]
-
-
 @pytest.mark.parametrize(
     "state",
     [
         plain_points, indices_beside_time_and_references, labels_that_print_alike, labels_that_are_equal_to_a_time,
-        phases_over_an_index_set, expressions_by_rules, finite_differences,
+        phases_over_an_index_set, expressions_by_rules,
     ],
 )  # fmt: skip
 def test_what_a_rule_reads_is_followed(state: Callable[[], Followed]) -> None:
@@ -205,8 +200,7 @@ def free_fall(**options: Any) -> pyo.ConcreteModel:
     m.x, m.v = pyo.Var(m.t, initialize=1.0), pyo.Var(m.t, initialize=1.0)
     m.dx = DerivativeVar(m.x)
     m.slope = pyo.Constraint(m.t, rule=lambda m, t: m.dx[t] == m.v[t])
-    transformation = options.pop("transformation")
-    pyo.TransformationFactory(transformation).apply_to(m, **options)
+    pyo.TransformationFactory("pyrobocop.collocation").apply_to(m, **options)
     for t in m.t:
         m.x[t], m.v[t] = t**2, 2 * t
     for t in m.dx:
@@ -217,12 +211,10 @@ def free_fall(**options: Any) -> pyo.ConcreteModel:
 @pytest.mark.parametrize(
     "options",
     [
-        {"transformation": "pyrobocop.collocation", "nfe": 3, "ncp": 2},
-        {"transformation": "pyrobocop.collocation", "nfe": 3, "ncp": 3, "scheme": "lobatto"},
-        {"transformation": "dae.collocation", "nfe": 3, "ncp": 2, "scheme": "LAGRANGE-RADAU"},
-        {"transformation": "dae.collocation", "nfe": 3, "ncp": 2, "scheme": "LAGRANGE-LEGENDRE"},
+        {"nfe": 3, "ncp": 2},
+        {"nfe": 3, "ncp": 3, "scheme": "lobatto"},
     ],
-    ids=lambda options: f"{options['transformation']}-{options.get('scheme')}",
+    ids=str,
 )
 def test_continuous_sets_follow_their_polynomials(options: dict[str, Any]) -> None:
     m = free_fall(**options)
@@ -236,7 +228,7 @@ def test_continuous_sets_follow_their_polynomials(options: dict[str, Any]) -> No
     for interval in range(3):
         for fraction in (0.2, 0.7):
             _, (x, index) = motion.pose_at(pose, interval, fraction).numbers()
-            assert x == pytest.approx(index**2, abs=1e-5)  # pyomo.dae rounds its points to six digits
+            assert x == pytest.approx(index**2, abs=1e-12)
             entries = template.values(np.array([interval]), np.array([fraction]))[0]
             assert entries[4:] == pytest.approx([x, index], abs=1e-12)
     with pytest.raises(ObstacleError, match=r"'v\[t\]'.*derivative"):

@@ -90,7 +90,10 @@ def test_variables_without_value() -> None:
 def test_a_continuous_set_before_its_discretisation() -> None:
     m = pyo.ConcreteModel()
     m.t = ContinuousSet(bounds=(0, 1))
-    with pytest.raises(ObstacleError, match="not discretised"):
+    with pytest.raises(ObstacleError, match="not discretised by pyrobocop.collocation"):
+        motion_of(m.t, m)
+    pyo.TransformationFactory("dae.finite_difference").apply_to(m, nfe=2)
+    with pytest.raises(ObstacleError, match="not discretised by pyrobocop.collocation"):
         motion_of(m.t, m)
 
 

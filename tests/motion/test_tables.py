@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.moving import check, on_a_phase, on_points
+from harness.moving import check, on_a_phase
 from harness.phases import integrator
 from harness.scenes import keep_clear, on_the_line
 from hypothesis import given
 from hypothesis import strategies as st
-from pyomo.dae import ContinuousSet, DerivativeVar
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ObstacleError
@@ -152,50 +151,11 @@ def test_tables_survive_pickles_and_clones() -> None:
     assert path(None, 0.7).translation == rcp.TablePath(TIMES, XS, YS, kind="cubic")(None, 0.7).translation
 
 
-# ---------------------------------------------------------------------------------------------- parameters over time
-
-
-def test_a_parameter_over_the_times_of_a_phase_is_joined_by_lines() -> None:
+def test_a_parameter_over_the_times_of_a_phase_is_refused() -> None:
     m = on_a_phase(lambda t: (0.5 * t, 3, 0), elements=2, duration=2.0)
-    b = m.move
-    places = {t: math.sin(4 * t) for t in b.time}
-    b.place = pyo.Param(b.time, initialize=places, mutable=True)
-
-    def truck(b: Any, t: Any) -> Any:
-        return planar_pose(b.place[t], 2 * b.place[t])
-
-    at = np.linspace(0, 2, 41)
-    lines = np.interp(at, list(places), list(places.values()))
-    motion = motion_of(b.time, b)
-    template = template_of(motion, truck, "truck", 2)
-    interval = np.minimum(at, 1.999).astype(int)
-    np.testing.assert_allclose(template.values(interval, at - interval)[:, 4], lines, atol=1e-12)
-    for i, time in zip(interval.tolist(), at.tolist(), strict=True):
-        assert motion.pose_at(truck, i, time - i).numbers()[1][1] == pytest.approx(
-            2 * np.interp(time, at, lines), abs=0.02
-        )
-    report = check(b, Polytope.box(0.1, 0.1), [Body(BOX, truck)], 0.05, points=b.time)
-    assert report.motion_is_assumed
-    assert "straight lines between the values of 'move.place[t]'" in str(report).splitlines()[0]
-
-
-def test_parameters_over_a_continuous_set() -> None:
-    m = on_points([(0, 3, 0), (1, 3, 0)])
-    m.s = ContinuousSet(bounds=(0, 1))
-    m.z = pyo.Var(m.s, initialize=0.0)
-    m.dz = DerivativeVar(m.z)
-    pyo.TransformationFactory("dae.collocation").apply_to(m, nfe=2, ncp=3)
-    m.place = pyo.Param(m.s, initialize=lambda m, s: s**2)
-    report = check(
-        m,
-        BOX,
-        [Body(BOX, lambda m, s: planar_pose(m.place[s], 9))],
-        0.1,
-        points=m.s,
-        pose=lambda m, s: planar_pose(m.z[s], 0),
-    )
-    assert report.safe is not False
-    assert "'place[t]'" in report.motion
+    m.move.place = pyo.Param(m.move.time, initialize=1.0, mutable=True)
+    with pytest.raises(ObstacleError, match="'move.place.t.' is no state .* places over time are a TablePath"):
+        template_of(motion_of(m.move.time, m.move), lambda b, t: planar_pose(b.place[t], 2), "truck", 2)
 
 
 @pytest.mark.casadi

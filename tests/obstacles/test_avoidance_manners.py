@@ -44,15 +44,14 @@ def test_a_pickle_has_what_a_pose_rule_has_said():
     assert str(again.move.avoid.verify()) == str(m.move.avoid.verify())
 
 
-@pytest.mark.parametrize("transformation", ["dae.collocation", "dae.finite_difference", "pyrobocop.collocation"])
-def test_on_a_discretised_continuous_set(transformation):
+def test_on_a_discretised_continuous_set():
     m = pyo.ConcreteModel()
     m.t = dae.ContinuousSet(bounds=(0, 1))
     m.x = pyo.Var(m.t, initialize=0)
     m.rate = dae.DerivativeVar(m.x, wrt=m.t)
     m.u = pyo.Var(m.t)
     m.ode = pyo.Constraint(m.t, rule=lambda m, t: m.rate[t] == m.u[t])
-    pyo.TransformationFactory(transformation).apply_to(m, wrt=m.t, nfe=4)
+    pyo.TransformationFactory("pyrobocop.collocation").apply_to(m, wrt=m.t, nfe=4)
     m.avoid = rcp.ObstacleAvoidanceBlock(
         m.t, body=ARROW, pose=lambda b, t: rcp.planar_pose(b.x[t], 0), obstacles=[WALL], clearance=0.1
     )
