@@ -177,15 +177,6 @@ def test_one_rule_builds_scalar_indexed_and_nested_phases() -> None:
     assert m.arms[2].phase.name == "arms[2].phase"
 
 
-def test_a_rule_gets_its_index() -> None:
-    def build(b, i, j):
-        b.x = rcp.State(initial=10 * i + j)
-
-    m = pyo.ConcreteModel()
-    m.p = rcp.PhaseBlock([1, 2], [3, 4], rule=build)
-    assert [b.x[0].value for b in m.p.values()] == [13, 14, 23, 24]
-
-
 @pytest.mark.casadi
 def test_a_clone_lives_its_own_life() -> None:
     m, _ = one_phase(rule=state_oscillators, duration=rcp.Duration(bounds=(1, 2)))

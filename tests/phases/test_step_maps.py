@@ -125,14 +125,6 @@ def test_a_changed_value_is_found_and_what_is_not_checked_is_said(scheme: Any) -
         assert worse.defect == pytest.approx(0.125)
 
 
-def test_a_trajectory_is_judged_by_its_own_values_not_by_those_of_the_phase() -> None:
-    b = mixed()
-    trajectory = b.simulate()
-    b.initialize(x=7.0, count=-3.0, v=9.0)
-    assert trajectory.verify().largest_violation < 1e-9
-    assert b.trajectory().verify().defect > 1
-
-
 def test_files_clones_and_pickles_know_the_maps(tmp_path: Path) -> None:
     model = pyo.ConcreteModel()
     b = mixed(model=model)

@@ -95,16 +95,6 @@ def test_a_mesh_end_that_differs_by_rounding_is_the_horizon() -> None:
     assert m.p.final_time == 0.3
 
 
-def test_generated_names_are_not_mistaken_for_the_users() -> None:
-    """A constraint of the user's counts as an equation, whatever the end of its name."""
-    _, b = one_phase(elements=2, x=rcp.State(initial=0), f=rcp.Algebraic())
-    b.ode(lambda b, t: {b.x: b.f[t]})
-    with pytest.raises(rcp.errors.PyRobocopError, match="too few equations"):
-        b.check()
-    b.force_equation = pyo.Constraint(b.points, rule=lambda b, t: b.f[t] == 1 - b.x[t])
-    b.check()
-
-
 # --------------------------------------------------------------------
 # The structural index: what is refused, what is let through, and who is named.
 

@@ -27,7 +27,7 @@ from pyrobocop_pyomo.errors import ContradictionError, SolveFailed
 from pyrobocop_pyomo.modeling import deadline as deadlines
 from pyrobocop_pyomo.presentation import percent
 from pyrobocop_pyomo.solving.iterates import Quality, Standing, StopReason, Tolerances
-from pyrobocop_pyomo.solving.result_text import CLEAR_START, MOST_LINES
+from pyrobocop_pyomo.solving.result_text import CLEAR_START, KEPT_MESH, MOST_LINES
 from pyrobocop_pyomo.solving.violations import violations_of_pairs, worst_of_each_component
 
 pytestmark = pytest.mark.ipopt
@@ -111,6 +111,13 @@ def test_no_text_says_both_that_points_nearby_violate_less_and_that_none_does(re
 @functools.cache
 def failed() -> Any:
     return rcp.solve(out_of_reach(), options={"max_iter": 5})
+
+
+def test_of_many_lines_the_first_and_the_last_are_shown() -> None:
+    told = dataclasses.replace(failed(), remarks=tuple(f"{KEPT_MESH} {number}" for number in range(9)))
+    lines = str(told).splitlines()
+    assert len(lines) == MOST_LINES
+    assert lines[-1] == str(failed()).splitlines()[-1]
 
 
 def too_far() -> Any:
