@@ -248,7 +248,6 @@ class RightHandSides:
             When a delay is too short to go on.
         """
         begin, width, shape = self._starts[elements][0], float(self.widths[elements][0]), states.T.shape
-        first_step = options.pop("first_step", None)
         if options["method"] == "LSODA":  # elements know nothing of each other
             options |= dict.fromkeys(("lband", "uband"), len(states) - 1)
 
@@ -265,10 +264,7 @@ class RightHandSides:
         for first, last in pairwise(parts.tolist()):
             while first < last:
                 end = last if last - first < 1.001 * longest else first + longest
-                step = None if first_step is None else min(first_step, end - first)
-                result = scipy.integrate.solve_ivp(
-                    slope, (first, end), state, dense_output=True, first_step=step, **options
-                )
+                result = scipy.integrate.solve_ivp(slope, (first, end), state, dense_output=True, **options)
                 state = result.y[:, -1]
                 if not result.success or not np.isfinite(state).all():
                     self.reached = begin + width * float(result.t[-1])
@@ -280,6 +276,43 @@ class RightHandSides:
                     so_far.append(begin + width * end, partial(_at_time, result.sol, begin, width))
                 first = end
         return found.T, ""
+
+    def roughly(self, state: Array, fractions: Array) -> Array:
+        """The motion through all elements, by a step of the classical Runge-Kutta method from fraction to fraction.
+
+        Parameters
+        ----------
+        state : array, shape (n,)
+            At the start.
+        fractions : array, shape (q,)
+            From 0 to 1.
+
+        Returns
+        -------
+        array, shape (E, q, n)
+        """
+        between = 0.5 * (fractions[1:] + fractions[:-1])
+        places, shape = np.sort(np.append(fractions, between)), (len(self.widths), 2 * len(fractions) - 1)
+        planned = {
+            key: np.broadcast_to(of, shape).tolist() if np.ndim(of) else of
+            for key, of in self._planned(places, slice(None)).items()
+        }
+
+        def slope(i: int, place: int, at: Array) -> Array:
+            leaves = {key: of[i][place] if isinstance(of, list) else of for key, of in planned.items()}
+            leaves |= dict(zip(self.keys, at.tolist(), strict=False))
+            return self.widths[i] * np.array(self._formulas.values(self.equations.rates, leaves), dtype=float)
+
+        found = np.empty((len(self.widths), len(fractions), len(state)))
+        for i in range(len(self.widths)):
+            found[i, 0] = state
+            for k, length in enumerate(np.diff(fractions).tolist()):
+                first = slope(i, 2 * k, state)
+                second = slope(i, 2 * k + 1, state + 0.5 * length * first)
+                third = slope(i, 2 * k + 1, state + 0.5 * length * second)
+                fourth = slope(i, 2 * k + 2, state + length * third)
+                found[i, k + 1] = state = state + length / 6.0 * (first + 2.0 * (second + third) + fourth)
+        return found
 
     def undefined(self) -> str:
         """Which part of a right-hand side has no value where they were evaluated last, in words; empty for none."""

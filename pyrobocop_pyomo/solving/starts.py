@@ -19,7 +19,7 @@ from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.obstacles.separation_rows import members_taken_off
 from pyrobocop_pyomo.phases import Control, PhaseBlockData, State, phases_of
 from pyrobocop_pyomo.phases.remeshing import put_on_meshes, why_not_remeshed
-from pyrobocop_pyomo.phases.simulation import SimulationOptions, simulate
+from pyrobocop_pyomo.phases.simulation import SimulationOptions, rough_motion, simulate
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 
 from .strategies import StartingPoint, Strategy
@@ -27,7 +27,7 @@ from .strategies import StartingPoint, Strategy
 logger = logging.getLogger(__name__)
 
 # A start need not be exact, and a stiff motion must not take long (LSODA would not stop where an exception is raised).
-SIMULATED_BY = SimulationOptions("RK23", rtol=1e-2, atol=1e-3, most_evaluations=5000, first_step=1.0)
+SIMULATED_BY = SimulationOptions("RK45", rtol=1e-5, atol=1e-7, most_evaluations=5000)
 # A copy has so many times fewer elements, and no fewer than this.
 COARSER = 4
 # Optima of a coarser mesh may be none of the problem.
@@ -295,8 +295,9 @@ def _moved(model: Any) -> list[bool]:
 def _move(phase: Any) -> bool:
     """Let a phase follow its controls; returns whether that is a moderate motion."""
     try:
-        trajectory = simulate(phase, {}, {}, SIMULATED_BY)
-    except PyRobocopError as error:
+        rough = rough_motion(phase)
+        trajectory = simulate(phase, {}, {}, SIMULATED_BY) if rough is None else rough
+    except (PyRobocopError, ArithmeticError, ValueError) as error:  # a rule may raise these at such values
         logger.info("phase '%s' cannot be simulated as a start: %s", phase.name, error)
         return False
     is_moderate = all(np.abs(of).max() < 1e6 for of in trajectory.states.values())
