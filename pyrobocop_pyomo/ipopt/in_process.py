@@ -28,7 +28,6 @@ from pyomo.opt.results.container import ScalarData
 
 from pyrobocop_pyomo.errors import EvaluationError, FunctionError, ModelError, SolverNotFoundError
 from pyrobocop_pyomo.modeling.deadline import Deadline
-from pyrobocop_pyomo.modeling.rare_collections import rare_collections
 from pyrobocop_pyomo.programs.asl_program import asl_available
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.vectorised_program import casadi_available
@@ -98,7 +97,6 @@ class InProcessIpopt(SolverBase):
         except SolverNotFoundError:
             return None
 
-    @rare_collections()
     def solve(self, model: BlockData, **kwds: Any) -> Results:
         """Solve a Pyomo model.
 

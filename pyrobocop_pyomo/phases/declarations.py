@@ -16,6 +16,8 @@ from inspect import signature
 from pathlib import Path
 from typing import Any, Union
 
+from pyomo.core.expr import numvalue
+
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.keywords import check_keywords
 from pyrobocop_pyomo.modeling.pickling import picklable_or_none
@@ -187,6 +189,8 @@ class Declaration:
         bounds = self.bounds
         if callable(bounds):
             bounds = number_at(bounds, time, f"{name}: bounds", ModelError)
+            # A choice by the time is an expression.
+            bounds = tuple(map(numvalue.value, bounds)) if isinstance(bounds, tuple) else bounds
         return check_bounds(bounds, name, "bounds")
 
     def nodes(self, name: str, grid: Grid, label: str) -> Nodes:

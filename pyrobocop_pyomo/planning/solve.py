@@ -19,7 +19,6 @@ from pyrobocop_pyomo.errors import SolverNotFoundError
 from pyrobocop_pyomo.ipopt.backends import Backend, available_backends, best_backend
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.keywords import keywords_checked
-from pyrobocop_pyomo.modeling.rare_collections import rare_collections
 from pyrobocop_pyomo.modeling.variable_values import checksum_of_model
 from pyrobocop_pyomo.obstacles import avoidance_blocks, containments
 from pyrobocop_pyomo.obstacles.initial_checks import check_block, check_clocks, check_region
@@ -68,7 +67,6 @@ OTHER_WORDS = {
 
 
 @keywords_checked(OTHER_WORDS)
-@rare_collections()
 def solve(
     model: Any,
     *,

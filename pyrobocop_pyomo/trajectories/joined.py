@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.variable_families import FamilyNames
 from pyrobocop_pyomo.numerics import Array, Grid, Mesh
-from pyrobocop_pyomo.optional_imports import pandas
 from pyrobocop_pyomo.plotting import mark_phases
 from pyrobocop_pyomo.presentation import Presented
 
@@ -134,12 +133,6 @@ class JoinedTrajectory(Presented):
         drawn = drawn_parts(self, self.parts, self._called, title, names, figure)
         mark_phases(drawn, self.boundaries, [part.name for part in self.parts])
         return drawn
-
-    def to_pandas(self) -> Any:
-        """A data frame with one row per time, the name of the phase in the column ``phase``, and NaN as in `time`."""
-        of_phases = {"phase": [part.name for part in self.parts for _ in part.time]}
-        columns = {name: np.concatenate([_at_own_times(part, name) for part in self.parts]) for name in self.names}
-        return pandas.DataFrame({**of_phases, **columns}, index=pandas.Index(self.time, name="time"))
 
     def __dir__(self) -> list[str]:
         return sorted({*super().__dir__(), *self.names, *self.families})

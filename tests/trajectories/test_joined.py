@@ -82,16 +82,6 @@ def test_a_name_that_is_a_state_in_one_phase_and_a_control_in_another() -> None:
     assert joined.u[0] == pytest.approx(-1)
 
 
-def test_a_data_frame_names_the_phases() -> None:
-    pytest.importorskip("pandas")
-    joined = rcp.join_trajectories([phases().a, phases().b])
-    frame = joined.to_pandas()
-    assert frame["phase"].tolist() == ["a"] * 5 + ["b"] * 7
-    assert frame["x"].tolist() == joined.x.tolist()
-    assert frame["u"].iloc[0] == pytest.approx(-1)
-    assert np.isnan(frame["u"].iloc[-1])
-
-
 def test_a_plot_breaks_lines_and_marks_the_phases() -> None:
     pytest.importorskip("matplotlib")
     joined = rcp.join_trajectories([phases().a, phases().b])
