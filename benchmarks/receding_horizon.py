@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import argparse
 import ctypes
-import statistics
 import shutil
+import statistics
 import subprocess
 import sys
 import tempfile
