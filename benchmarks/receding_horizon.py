@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import ctypes
+import shutil
 import statistics
 import subprocess
 import sys
@@ -26,7 +27,7 @@ from table import Table, show_progress
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.contrib.export import export_controller
 from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
-from pyrobocop_pyomo.native.shared_library import FLAGS, find_compiler
+from pyrobocop_pyomo.native.shared_library import FLAGS
 from pyrobocop_pyomo.studies import PersistentNLP
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
@@ -73,7 +74,7 @@ def steps(elements: int, repeats: int) -> tuple[list[float], list[float], list[i
 
 def exported(elements: int, repeats: int) -> list[float] | None:
     """Milliseconds of each step of the controller in C; None without a compiler."""
-    compiler, ipopt = find_compiler(), Path(load_ipopt_library().path)
+    compiler, ipopt = shutil.which("cc") or shutil.which("gcc"), Path(load_ipopt_library().path)
     if compiler is None:
         return None
     m = build(elements)
@@ -83,7 +84,7 @@ def exported(elements: int, repeats: int) -> list[float] | None:
         # Symbols are bound within the library: those of the linear solver stand in others of this process as well.
         link = [str(ipopt), f"-Wl,-rpath,{ipopt.parent}", "-Wl,-Bsymbolic", "-ldl", "-lm"]
         flags = [flag for flag in FLAGS if flag != "-fvisibility=hidden"]
-        subprocess.run([*compiler, *flags, *map(str, folder.glob("*.c")), "-o", str(library), *link], check=True)
+        subprocess.run([compiler, *flags, *map(str, folder.glob("*.c")), "-o", str(library), *link], check=True)
         functions = ctypes.CDLL(str(library))
     states, controls = (ctypes.c_int.in_dll(functions, f"controller_{what}").value for what in ("states", "controls"))
     names = (ctypes.c_char_p * states).in_dll(functions, "controller_state_names")

@@ -14,13 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from pyrobocop_pyomo.native.shared_library import (
-    HOW_TO_COMPILE,
-    SWITCH_VARIABLE,
-    library_file,
-    native_allowed,
-    shared_library,
-)
+from pyrobocop_pyomo.native.shared_library import HOW_TO_COMPILE, library_file, native_allowed, shared_library
 from pyrobocop_pyomo.optional_imports import casadi
 
 from .nonlinear_program import FloatArray
@@ -89,7 +83,7 @@ def evaluation_library() -> ctypes.CDLL | None:
 def how_terms_are_evaluated() -> str:
     """One line for people: the compiled evaluation and its file, or CasADi and why."""
     if evaluation_library() is None:
-        return f"evaluated by CasADi, unless {SWITCH_VARIABLE} is 'off': {HOW_TO_COMPILE}"
+        return f"evaluated by CasADi: PYROBOCOP_NATIVE is 'off', or nothing was compiled; {HOW_TO_COMPILE}"
     return f"evaluated by compiled code: {library_file(TERM_EVALUATION)}"
 
 

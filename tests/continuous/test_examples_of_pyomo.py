@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 import pyomo.environ as pyo
 import pytest
 from catalogue import pyomo_examples
@@ -15,7 +14,6 @@ from pyomo.contrib import mpc
 from pyomo.contrib.doe.examples import reactor_experiment
 from pyomo.contrib.mpc.examples.cstr import model as mpc_cstr
 from pyomo.contrib.mpc.examples.cstr import run_mpc
-from pyomo.contrib.parmest.examples.semibatch import semibatch
 from pyomo.contrib.sensitivity_toolbox.examples import HIV_Transmission, feedbackController
 from pyomo.dae.simulator import Simulator
 
@@ -143,16 +141,6 @@ def experiment_reactor() -> Any:
     return m
 
 
-def semibatch_reactor() -> Any:
-    level = {"Ca_meas": 0.2, "Cb_meas": 0.1, "Cc_meas": 0.05, "Tr_meas": 330.0}
-    data = {name: {str(t): value for t in range(600, 21600, 3000)} for name, value in level.items()}
-    given = {"Ca0": 0.0, "Cb0": 3.0, "Cc0": 0.0, "Tc1": 320, "Tc2": 330, "Fa1": 1e-3, "Fa2": 5e-4}
-    m = semibatch.generate_model({"experiment": 1, **data, **given})
-    for parameter in (m.k1, m.k2, m.E1, m.E2):
-        parameter.fix()
-    return m
-
-
 def control_of_hiv() -> Any:
     m = HIV_Transmission.create_model()
     HIV_Transmission.initialize_model(m, 5, 5, 1)
@@ -186,32 +174,6 @@ def test_answers_are_those_of_pyomo_dae(name: str, renamed: Any) -> None:
     expected = answers(name)
     renamed()
     assert answers(name) == pytest.approx(expected, rel=1e-6, abs=1e-8)
-
-
-class OnMesh:
-    """A transformation with numbers of elements of its own."""
-
-    def __init__(self, way: str, elements: int) -> None:
-        self._way, self._elements = way, elements
-
-    def __call__(self, name: str) -> OnMesh:
-        return self
-
-    def apply_to(self, m: Any, nfe: int, ncp: int) -> None:
-        pyo.TransformationFactory(self._way).apply_to(m, nfe=self._elements, ncp=ncp)
-
-
-@pytest.mark.slow
-def test_semibatch_reactor_of_parmest_is_closer_to_a_fine_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Measurements divide the time into gaps, which `dae.collocation` halves again and again; here they are even."""
-    found = []
-    for way, elements in ((THEIRS, 200), (THEIRS, 20), (OURS, 20)):
-        monkeypatch.setattr(semibatch, "TransformationFactory", OnMesh(way, elements))
-        m = semibatch_reactor()
-        rcp.solve(m, progress=False, options={"tol": 1e-10}).raise_for_status()
-        found.append([m.Tr[t].value for t in m.measT] + [m.Cc[t].value for t in m.measT])
-    fine, theirs, ours = np.array(found)
-    assert np.abs(ours / fine - 1).max() < 0.5 * np.abs(theirs / fine - 1).max()
 
 
 @pytest.mark.slow
