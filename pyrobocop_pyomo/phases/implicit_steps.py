@@ -154,7 +154,7 @@ class FormulaStep(StepSystem):
     ) -> None:
         super().__init__(scheme, rates.equations, float(rates.widths[i]) * (end - begin), start)
         self._rates, self._sizes = rates, self.point_from(*np.split(sizes, [len(start)]))
-        self._given = rates.in_element(i, begin + (end - begin) * scheme.c, start)
+        self._given = rates.in_element(i, begin + (end - begin) * scheme.c)
 
     @property
     def planned(self) -> Array:

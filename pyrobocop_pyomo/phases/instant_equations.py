@@ -46,13 +46,12 @@ class InstantEquations:
     Attributes
     ----------
     rates : list of expressions
-        Derivatives of all states, in the order of declaration; of those that a step map leads the next values.
+        Derivatives of all states, in the order of declaration.
     unknowns : dict of name to VarData
         What rows and pairs determine and the motion depends on, with what stands for it in the formulas: algebraics,
         controls, and derivatives as ``"d x"``.
     rows : list of expressions
         Zero where they hold.
-    names_of_rows : list of str
     pairs : list of PairStatement
         Together with the rows as many as there are unknowns.
     read : set of str
@@ -67,7 +66,7 @@ class InstantEquations:
         block, record = formulas.block, formulas.record
         self._phase, self._formulas = f"phase '{block.name}'", formulas
         names = record.names_of_states
-        explicit = [name for name in names if name in record.equation_of and name not in record.discrete_states]
+        explicit = [name for name in names if name in record.equation_of]
         # What is fixed is given, as controls are.
         fixed = {name for name in record.names(Algebraic) if all(v.fixed for v in record.nodes(name).variables(block))}
         self._controls = frozenset(record.names(Control)) | fixed
@@ -78,23 +77,17 @@ class InstantEquations:
         self._explicit = {id(formulas.derivative(name)) for name in explicit}
         self._replaced = NodeReplacement({id(formulas.derivative(name)): rate for name, rate in stated.items()})
         rates = {name: self._replaced.of(rate) for name, rate in stated.items()}
-        for statement in record.statements_of("step map"):
-            rates |= formulas.by_state(statement)
         self.rates = [rates[name] if name in rates else slopes[f"d {name}"] for name in names]
         read = self._reads(self.rates)
         self.statements = record.statements_of("ode")
-        unknown: list[str] = []
-        equations: list[_Equation] = []
-        self.is_hidden = False
-        if not all_given:
-            found = [each for statement, labels in self._stated() for each in self._equations_of(statement, labels)]
-            found.sort(key=lambda equation: equation.pair is not None)
-            algebraics = [name for name in record.names(Algebraic) if name not in fixed]
-            unknown, equations, self.is_hidden = self._select(found, frozenset(slopes), algebraics, read)
+        statements = [] if all_given else self._stated()
+        found = [each for statement, labels in statements for each in self._equations_of(statement, labels)]
+        found.sort(key=lambda equation: equation.pair is not None)
+        algebraics = [name for name in record.names(Algebraic) if name not in fixed and not all_given]
+        unknown, equations, self.is_hidden = self._select(found, frozenset(slopes), algebraics, read)
         self.read = read.union(*(equation.reads for equation in equations))
         self.unknowns = {name: variables[name] for name in unknown}
-        of_rows = [equation for equation in equations if equation.pair is None]
-        self.rows, self.names_of_rows = [of.row for of in of_rows], [of.name for of in of_rows]
+        self.rows = [equation.row for equation in equations if equation.pair is None]
         self.pairs = [equation.pair for equation in equations if equation.pair is not None]
 
     @property

@@ -162,11 +162,10 @@ class RightHandSides:
         except np.linalg.LinAlgError:
             return np.full(slopes.shape, np.nan)
 
-    def in_element(self, i: int, fractions: Array, start: Array) -> dict[int, Any]:
+    def in_element(self, i: int, fractions: Array) -> dict[int, Any]:
         """What stands in place of each variable at some places of an element, as planned; arrays ``(q, 1)``."""
         planned = self._planned(fractions, slice(i, i + 1))
-        found = {key: of.T if np.ndim(of) else of for key, of in planned.items()}
-        return found | self._formulas.at_starts(dict(zip(self._names, start.tolist(), strict=True)))
+        return {key: of.T if np.ndim(of) else of for key, of in planned.items()}
 
     def everything(self, leaves: Mapping[int, Any], at: Array) -> Array:
         """Rates, rows and both sides of all pairs, shape ``(v, ..)``, at states and unknowns (w, ..)."""

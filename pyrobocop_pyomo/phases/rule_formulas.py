@@ -231,11 +231,8 @@ class RuleFormulas:
         """
         found = {id(self.at_instant[name]): numbers for name, numbers in declared.items()}
         found |= {id(self.derivative(name)): numbers for name, numbers in (slopes or {}).items()}
-        return found | self.at_starts(previous or {}) | {id(self.index): index, id(self.clock): clock}
-
-    def at_starts(self, states: Mapping[str, Any]) -> dict[int, Any]:
-        """What stands in place of the states where the element starts."""
-        return {id(self._scratch.previous[name]): numbers for name, numbers in states.items()}
+        found |= {id(self._scratch.previous[name]): numbers for name, numbers in (previous or {}).items()}
+        return found | {id(self.index): index, id(self.clock): clock}
 
     def of_coupled_phases(self, fractions: Array) -> dict[int, Array]:
         """What other phases that rules have read are at local fractions, shape ``(q, N)``, by what stands for it."""
