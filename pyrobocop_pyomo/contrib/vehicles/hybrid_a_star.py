@@ -37,6 +37,7 @@ from .car_path import CarPath
 from .cost_to_go import Bounds, CostToGo
 from .free_space import FreeSpace, FreeSpaceWithTrailer
 from .motion_primitives import CarSearch, MotionPrimitives
+from .shortcuts import CHECKED_AT_ONCE, with_shortcuts
 
 # Expansions of a search until the end of its first turn; twice as many until the end of each later one.
 FIRST_TURN = 130
@@ -47,8 +48,8 @@ GRID_CELL, MOST_CELLS = 0.03, 400
 # Where two searches meet: turning radii from one pose to the other, a turn as the way of a point one radius away.
 NEAR = 0.5
 NEIGHBOURS = 3
-# Pairs of poses whose Reeds-Shepp paths are computed, and paths that are checked together.
-PAIRS, CHECKED_AT_ONCE = 3000, 200
+# Pairs of poses whose Reeds-Shepp paths are computed.
+PAIRS = 3000
 
 
 def hybrid_a_star(
@@ -157,6 +158,7 @@ def hybrid_a_star(
             if arcs is None and len(searches) == 2:
                 arcs = _joined_arcs(current.search, searches[1 - k].search)
             if arcs is not None:
+                arcs = with_shortcuts(current.search, *arcs)
                 return _path(ends["start"], ends["goal"], *arcs, wheelbase, trailer, backwards=which == "goal")
             if end is SearchEnd.EXHAUSTED:
                 raise PathNotFound(

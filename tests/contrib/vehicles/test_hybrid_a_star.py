@@ -10,8 +10,12 @@ import pytest
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.contrib.vehicles import hybrid_a_star
 from pyrobocop_pyomo.contrib.vehicles.best_first_search import BestFirstSearch
+from pyrobocop_pyomo.contrib.vehicles.car_kinematics import follow_arcs
 from pyrobocop_pyomo.contrib.vehicles.car_path import CarPath
-from pyrobocop_pyomo.contrib.vehicles.motion_primitives import CarSearch
+from pyrobocop_pyomo.contrib.vehicles.cost_to_go import CostToGo
+from pyrobocop_pyomo.contrib.vehicles.free_space import FreeSpace
+from pyrobocop_pyomo.contrib.vehicles.motion_primitives import CarSearch, MotionPrimitives
+from pyrobocop_pyomo.contrib.vehicles.shortcuts import with_shortcuts
 from pyrobocop_pyomo.contrib.vehicles.staged_search import staged_search
 from pyrobocop_pyomo.errors import InitialGuessError, PathNotFound
 
@@ -146,6 +150,22 @@ def test_a_heading_is_reached_with_its_whole_turns_where_they_count(turns: int) 
     easiest = park(scene={"goal": goal}, **options)
     assert path.length >= easiest.length - 1e-9
     assert path.length < easiest.length + 1e-9 or easiest.poses[-1, 2] != goal[2]
+
+
+@pytest.mark.parametrize("walls", [{}, REVERSE["obstacles"]], ids=["open", "slot"])
+def test_shortcuts_take_out_what_goes_back_and_forth(walls: Any) -> None:
+    """A path out of the slot that shunts three times for nothing."""
+    primitives = MotionPrimitives.of(WHEELBASE, STEERING, CarSearch())
+    limits = ((-15.0, 15.0), (1.0, 10.0))
+    space = FreeSpace.around(CAR, list(walls.values()), 0.05, 30.0)
+    cost_to_go = CostToGo.to(np.array(START), limits, CAR, list(walls.values()), 0.05, primitives, 30.0)
+    search = BestFirstSearch(np.array([0.0, 1.3, math.pi / 2]), limits, primitives, 1.5, space, cost_to_go)
+    lengths = np.repeat([2.0, -1.0, 2.0, -1.0, 2.0], 20) / 20
+    bent, bends = with_shortcuts(search, lengths, np.zeros(100))
+    assert bent.sum() == pytest.approx(4.0, abs=1e-6)
+    assert np.abs(bent).sum() == pytest.approx(4.0, abs=1e-6)
+    ends = [follow_arcs(search.root, *arcs)[-1] for arcs in ((lengths, np.zeros(100)), (bent, bends))]
+    np.testing.assert_allclose(*ends, atol=1e-6)
 
 
 def test_padded_flat_and_pointlike_shapes_are_kept_clear_of() -> None:
