@@ -19,14 +19,12 @@ from pyomo.dae import ContinuousSet
 from pyrobocop_pyomo.continuous.record import open_sets
 from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
 from pyrobocop_pyomo.modeling.shared_nodes import NodeReplacement, variables_in_any
+from pyrobocop_pyomo.numerics.rounding import MET
 from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.phases.equations import INTEGRALS
 
 from .estimates import ZERO_OBJECTIVE
 from .phase_multipliers import RowMultipliers
-
-# Of the objective per unit of a row: smaller multipliers are what a barrier leaves of rows that restrain nothing.
-_FELT = 1e-6
 
 
 def stated_at_points(model: Any, phases: Sequence[Any], found: RowMultipliers, objective: float) -> str:
@@ -46,7 +44,8 @@ def stated_at_points(model: Any, phases: Sequence[Any], found: RowMultipliers, o
     """
     inside, at_boundaries = _variables_at_points(phases)
     most = max(2, min(phase.grid.mesh.elements for phase in phases) - 1)
-    least = _FELT * max(abs(objective), ZERO_OBJECTIVE)
+    # Per unit of a row: smaller multipliers are what a barrier leaves of rows that restrain nothing.
+    least = MET * max(abs(objective), ZERO_OBJECTIVE)
     for goal in model.component_data_objects(Objective, active=True):
         read = _read([goal.expr], phases)
         if read & inside or len({at_boundaries[key] for key in read & at_boundaries.keys()}) >= most:

@@ -17,12 +17,10 @@ from pyrobocop_pyomo.modeling.functions import Function
 from pyrobocop_pyomo.optional_imports import pandas, scipy
 
 from .arrays import Array, finite_numbers, increasing_numbers
+from .rounding import MET
 
 Kind = Literal["cubic", "natural", "quintic", "monotone"]
 Outside = Literal["error", "linear", "constant"]
-
-# A solver keeps bounds up to its tolerance: so far beyond its edge, relative to its width, a table continues.
-_BEYOND = 1e-6
 
 
 _CONTINUED: ContextVar[bool] = ContextVar("tables_continued", default=False)
@@ -95,7 +93,8 @@ class _Interpolant:
         """Where the spline is evaluated, how far from there the points are, and which inputs are inside (1 or 0)."""
         at = np.clip(points, self.lower, self.upper)
         if self._outside == "error":
-            far = np.abs(points - at) > _BEYOND * (self.upper - self.lower)
+            # A solver keeps bounds up to its tolerance: so far beyond its edge a table continues.
+            far = np.abs(points - at) > MET * (self.upper - self.lower)
             if far.any():
                 point, i = np.argwhere(far)[0]
                 raise EvaluationError(

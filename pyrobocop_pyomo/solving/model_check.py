@@ -16,7 +16,7 @@ from pyrobocop_pyomo.complementarity import CanonicalPair, active_sources, canon
 from pyrobocop_pyomo.modeling.expression_bounds import ExpressionBounds
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan, relation_violation
 from pyrobocop_pyomo.modeling.rows_by_rule import RowByRule, bounds_of, content_of, rows_by_component
-from pyrobocop_pyomo.numerics.rounding import ROUNDING
+from pyrobocop_pyomo.numerics.rounding import MET, ROUNDING
 from pyrobocop_pyomo.programs.row_values import RowTerms, RowValues, SumValue, VariableBounds
 
 from .ipopt_options import IPOPT_TOLERANCE
@@ -118,10 +118,6 @@ class ModelCheck:
         return np.where(np.isfinite(sizes), violations[rows] / np.maximum(1.0, sizes), violations[rows])
 
 
-# Below, a side is zero and not small: what a relaxation leaves of it.
-SMALLEST_SIZE = 1e-6
-
-
 class SideSizes:
     """Sizes by component: the sides of a contact over time are of one size, also where it is closed.
 
@@ -147,7 +143,8 @@ class SideSizes:
             Their values there.
         """
         sizes = self._largest(sides)
-        return np.where(sizes < SMALLEST_SIZE, 1.0, np.minimum(sizes, 1.0))
+        # Below, a side is zero and not small: what a relaxation leaves of it.
+        return np.where(sizes < MET, 1.0, np.minimum(sizes, 1.0))
 
     def too_small(self, sides: NDArray[np.float64], tolerance: float) -> NDArray[np.bool_]:
         """The pairs that are met if their sides are zero, and are not if these are small, shape (pairs,).
@@ -160,12 +157,12 @@ class SideSizes:
         """
         sizes = self._largest(sides)
         # Runs with the smallest parameters leave less than Ipopt's tolerance of zero.
-        small = (sizes > IPOPT_TOLERANCE) & (sizes < SMALLEST_SIZE)
+        small = (sizes > IPOPT_TOLERANCE) & (sizes < MET)
         # What bounds keep as small as that is small all the same, as a force is in units of large masses.
         for place, side in np.argwhere(sizes <= IPOPT_TOLERANCE).tolist():
             pair = self._pairs[place]
             _, most = ExpressionBounds(use_fixed_var_values_as_bounds=True).walk_expression((pair.a, pair.b)[side])
-            if 0.0 < most < SMALLEST_SIZE:
+            if 0.0 < most < MET:
                 sizes[place, side], small[place, side] = most, True
         relative = sides / np.where(small, sizes, self.at(sides))
         return small.any(axis=1) & (relative.min(axis=1) > tolerance)

@@ -20,6 +20,7 @@ from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, BranchPoint, Certif
 from pyrobocop_pyomo.mpcc.multipliers import STATIONARY, MultiplierProblem, classify, strong_multipliers
 from pyrobocop_pyomo.mpcc.problem import Linearisation, nearest_branch, restricted
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
+from pyrobocop_pyomo.numerics.rounding import MET
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.automatic_scaling import objective_slope, variable_sizes
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
@@ -39,8 +40,6 @@ logger = logging.getLogger(__name__)
 POLISHED_VIOLATION = 1e-2
 # A pair this near to a change of its branch is looked at, as if it were there.
 NEARLY_BIACTIVE = 1e-3
-# Objectives that differ by less, relative to their size, are those of one solution, relaxed and exact.
-SAME_COST = 1e-6
 
 
 class Polish:
@@ -145,7 +144,8 @@ class Polish:
         before, too.
         """
         ranks = [list(Quality).index(iterate.quality(self._settings.tolerances)) for iterate in (before, after)]
-        flattered = abs(after.objective - before.objective) > SAME_COST * max(1.0, abs(before.objective))
+        # Objectives that differ by no more are those of one solution, relaxed and exact.
+        flattered = abs(after.objective - before.objective) > MET * max(1.0, abs(before.objective))
         refuted = after.certificate is Certificate.DESCENT or (after.converged and flattered)
         return before if ranks[0] < ranks[1] and not refuted else after
 

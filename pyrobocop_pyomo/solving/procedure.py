@@ -25,12 +25,12 @@ from pyrobocop_pyomo.modeling.failures import undone_on_failure
 from pyrobocop_pyomo.modeling.rows_by_rule import content_of
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
+from pyrobocop_pyomo.numerics.rounding import MET
 from pyrobocop_pyomo.phases import phases_of
 
 from .curvature import is_convex
 from .ipopt_options import ITERATIONS_OF_ONE
 from .iterates import Iterate, Quality, StopReason
-from .model_check import SMALLEST_SIZE
 from .record import EXPLORED_WORK
 from .runner import Runner
 from .settings import Settings
@@ -296,7 +296,7 @@ class _Procedure(Runner):
         if too_small:
             message = (
                 f"Both sides of pair '{too_small[0].name}' differ from zero, and one of them is smaller than "
-                f"{SMALLEST_SIZE:g} all the time: whether such pairs are met, {len(too_small)} in all, is not known."
+                f"{MET:g} all the time: whether such pairs are met, {len(too_small)} in all, is not known."
             )
             remedy = "State what is so small in a smaller unit, so that it has values near 1."
         elif best.certificate is Certificate.DESCENT and not self.record.pairs:
