@@ -99,18 +99,6 @@ class Scheme(Presented):
         return next(k for k, is_missed in zip(degrees, missed, strict=True) if is_missed)
 
     @cached_property
-    def order_of_costs(self) -> int:
-        """Order of the cost of a plan that is optimal on the mesh, whose costates follow a method of their own.
-
-        References
-        ----------
-        Hager, Runge-Kutta methods in optimal control and the transformed adjoint system, Numer. Math. 87 (2000),
-        doi:10.1007/s002110000178
-        """
-        # Beyond its stages a method is exact for as many moments in its costates as in its quadrature.
-        return min(self.order, 2 * (self.order - self.stages) + 2)
-
-    @cached_property
     def end_is_a_node(self) -> bool:
         """True when the state's value at the element end is one of `state_nodes`."""
         return self.stiffly_accurate or self._end_completes_the_rows

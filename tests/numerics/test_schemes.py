@@ -137,8 +137,3 @@ def test_named_members_are_the_textbook_ones() -> None:
     assert [scheme.order for scheme in EXPLICIT] == [1, 3]
     with pytest.raises(ModelError, match="lobatto: stages = 1; expected an integer of at least 2"):
         lobatto(1)
-
-
-def test_a_gauss_scheme_keeps_its_order_in_costs_and_a_radau_scheme_too() -> None:
-    assert [radau(s).order_of_costs for s in (1, 2, 3)] == [1, 3, 5]
-    assert [gauss_legendre(s).order_of_costs for s in (1, 2, 3)] == [2, 4, 6]
