@@ -127,12 +127,12 @@ class PhaseLagrangian:
             second = weights @ (here - between.least()) if self.free else np.zeros(len(widths))
             passed = between.passed()
             second = second + self._kinks(between) / widths
-        # Both parts may cancel, and do for schemes of Gauss; how well is known to leading order only.
-        net = first - second
-        parts = np.abs(first) + np.abs(second)
-        # Where the polynomials of the controls mean nothing, each part is as large as what the element holds.
-        lost = np.minimum(np.abs(first), np.abs(second)) * widths.sum() > _LOST * size
-        bound = np.maximum(np.abs(net), np.where(lost, parts, _CANCELLED * parts))
+            # Both parts may cancel, and do for schemes of Gauss; how well is known to leading order only.
+            net = first - second
+            parts = np.abs(first) + np.abs(second)
+            # Where the polynomials of the controls mean nothing, each part is as large as what the element holds.
+            lost = np.minimum(np.abs(first), np.abs(second)) * widths.sum() > _LOST * size
+            bound = np.maximum(np.abs(net), np.where(lost, parts, _CANCELLED * parts))
         if not np.isfinite(bound + passed).all():
             raise TrajectoryError("The estimate has no finite value at some point between those of the mesh.")
         return widths * net, np.maximum(widths * bound, passed), passed

@@ -16,6 +16,8 @@ import numpy as np
 from pyomo.common.gc_manager import PauseGC
 from pyomo.common.numeric_types import native_numeric_types
 from pyomo.core.base.objective import Objective, maximize
+from pyomo.core.base.param import Param
+from pyomo.core.base.var import Var
 from pyomo.core.expr.calculus.diff_with_pyomo import DifferentiationException
 from pyomo.core.expr.numeric_expr import NegationExpression, SumExpression
 
@@ -72,8 +74,10 @@ class DiscretisationProbe:
         phases = phases_of(model)
         self._model = model if phases else None  # which phases know weakly, and which a study may have let go
         self._beside = list(motion_beside_phases(model, phases))
+        self._data: list[tuple[Any, Any]] = []
         if phases:
             with PauseGC():  # many small objects, all of which live on
+                self._data = [(datum, datum.value) for datum in _data_of(model)]
                 self._capture(model, phases, multipliers)
 
     def _capture(self, model: Any, phases: list[Any], multipliers: Callable[[], RowMultipliers | None]) -> None:
@@ -100,15 +104,42 @@ class DiscretisationProbe:
     def error(self) -> DiscretisationEstimate:
         """The errors, estimated when they are requested first."""
         if self._found is None:
-            with tables_continued():
+            with tables_continued(), self._data_of_the_answer():
                 errors = {captured.phase.name: captured.error(self._objective) for captured in self._phases}
             self._found = DiscretisationEstimate(self._objective, errors, tuple(self._beside))
-            self._phases, self._model = [], None  # what was captured is not needed any more
+            self._phases, self._data, self._model = [], [], None  # what was captured is not needed any more
         return self._found
+
+    @contextmanager
+    def _data_of_the_answer(self) -> Iterator[None]:
+        """Context in which the model has the data that it was solved with: a study has put others since."""
+        now = [(datum, datum.value) for datum, _ in self._data]
+        try:
+            for datum, number in self._data:
+                datum.set_value(number)
+            yield
+        finally:
+            for datum, number in now:
+                datum.set_value(number)
 
     def __getstate__(self) -> dict[str, Any]:
         # A pickle holds no model.
-        return {"_objective": self._objective, "_found": self.error(), "_phases": [], "_beside": [], "_model": None}
+        return {
+            "_objective": self._objective,
+            "_found": self.error(),
+            "_phases": [],
+            "_data": [],
+            "_beside": [],
+            "_model": None,
+        }
+
+
+def _data_of(model: Any) -> Iterator[Any]:
+    """Mutable parameters that have values, and fixed variables."""
+    for parameter in model.component_objects(Param, active=True):
+        if parameter.mutable:
+            yield from parameter.sparse_values()
+    yield from (variable for variable in model.component_data_objects(Var, active=True) if variable.fixed)
 
 
 class _Captured:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
@@ -18,7 +19,7 @@ from .process_engine import UNPROTECTED, ProcessEngine, check_protection
 from .worker_host import Answer, Request, WorkerHost
 
 Opener = Callable[[int], AbstractContextManager[Executor]]
-_HOSTS: dict[str, WorkerHost] = {}  # in a worker: the host of the engine that has asked last
+_LAST = threading.local()  # in a worker: the engine that has asked last, and its host; threads share no models
 
 
 class SerialEngine(Engine):
@@ -59,7 +60,7 @@ class ExecutorEngine(Engine):
     Parameters
     ----------
     executor : concurrent.futures.Executor, or callable
-        Of processes; solvers are not made for threads. Its workers need this package in the same version. Or what opens
+        Of processes or threads. Its workers need this package in the same version. Or what opens
         one with so many workers, as a context.
     workers : int
         How many it has.
@@ -108,10 +109,10 @@ class ExecutorEngine(Engine):
 
 def _answer_in_worker(engine: str, number: str, request: Request) -> Answer:
     """What a worker does; no two calls are alike, since Dask keeps what a call with the same arguments gave."""
-    if engine not in _HOSTS:
-        _HOSTS.clear()
-        _HOSTS[engine] = WorkerHost()
-    return _HOSTS[engine].answer(request)
+    if getattr(_LAST, "engine", None) != engine:
+        _LAST.engine, _LAST.host = engine, WorkerHost()
+    answer: Answer = _LAST.host.answer(request)
+    return answer
 
 
 def dask_engine(workers: int | None = None, **of_engine: Any) -> ExecutorEngine:

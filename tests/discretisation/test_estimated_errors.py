@@ -328,7 +328,8 @@ def test_errors_are_not_known_where_a_rule_has_to_know_the_time(name: str) -> No
     found = result.discretisation
     assert (found.objective_error, found.motion_error, found.excess) == (None, None, None)
     (why,) = found.remarks
-    assert "bounds of 'u'" in why if name == "bounds that jump" else "ode 'drive' (test_estimated_errors.py:" in why
+    rule = "constraint 'u_bounds'" if name == "bounds that jump" else "ode 'drive' (test_estimated_errors.py:"
+    assert rule in why
     assert m.p.grid.mesh.elements == 4
 
 

@@ -223,3 +223,18 @@ def test_costs_by_chebyshev_points_converge_with_their_order(stages: int, order:
     coarse, fine = (abs(result.objective - exact) for result in results)
     assert np.log2(coarse / fine) == pytest.approx(of_costs, abs=0.15)
     assert scheme.order == order
+
+
+def test_what_is_read_later_is_the_error_of_the_answer_whatever_data_the_model_has_then() -> None:
+    def error(*, later: float) -> float:
+        m, b = one_phase(duration=2.0, elements=3, x=rcp.State(initial=1), u=rcp.Control())
+        m.rate = pyo.Param(initialize=3.0, mutable=True)
+        b.ode(lambda b, t: {b.x: b.u[t] - m.rate * b.x[t] ** 2})
+        m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.x[t] ** 2 + b.u[t] ** 2))
+        result = rcp.solve(m, mesh_tolerance=None, progress=False)
+        m.rate = later
+        found = result.discretisation.relative_objective_error
+        assert pyo.value(m.rate) == later
+        return found
+
+    assert error(later=0.0) == error(later=3.0)

@@ -159,7 +159,7 @@ def test_what_the_equations_change_of_a_clearance_is_taken_off() -> None:
     # The wall is parallel to the motion: the distance is known exactly, what is asked for is not.
     reintegrated = b.reintegrate()
     places, speeds = (
-        np.abs(reintegrated.states[name] - reintegrated.planned[name]).max(axis=1) for name in ("x", "speed")
+        np.abs(reintegrated.open_loop[name] - reintegrated.planned[name]).max(axis=1) for name in ("x", "speed")
     )
     assert speeds.max() > 0.1
     assert (pair.interval_deviation >= places + 0.1 * speeds).all()

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import textwrap
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -70,6 +71,15 @@ def test_each_case_has_its_own_solution_and_the_model_is_as_it_was() -> None:
     assert frame["x"].tolist() == pytest.approx([min(p, 1) for p in PULLS], abs=1e-6)
     assert found.load(3) is found[3].result
     assert (m.pull.value, m.x.value) == pytest.approx((2.0, 1.0), abs=1e-6)
+
+
+@pytest.mark.ipopt
+def test_workers_that_are_threads_share_no_model() -> None:
+    pulls = np.linspace(-1.0, 2.0, 12).tolist()
+    with ThreadPoolExecutor(2) as executor:
+        cases = [{"pull": pull} for pull in pulls]
+        found = rcp.sweep(spring(), cases, engine=rcp.teams.ExecutorEngine(executor, 2))
+    assert [outcome.objective for outcome in found] == pytest.approx([expected(pull) for pull in pulls], abs=1e-7)
 
 
 @pytest.mark.casadi
