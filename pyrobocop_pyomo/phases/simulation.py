@@ -406,7 +406,7 @@ def initial_states(block: Any, given: Mapping[str, float]) -> Array:
     return np.array([found[name] for name in names], dtype=float)
 
 
-def rough_motion(block: Any) -> Trajectory | None:
+def rough_motion(block: Any) -> dict[str, Array] | None:
     """The motion under controls as a phase has them, by Runge-Kutta steps from node to node, as starts need it.
 
     `simulate` takes five times as long, and starts from it lead to no better optima.
@@ -418,8 +418,9 @@ def rough_motion(block: Any) -> Trajectory | None:
 
     Returns
     -------
-    Trajectory or None
-        None where more is to be found than states that have explicit equations, or these read earlier times.
+    dict of str to array, or None
+        Each state at the nodes; None where more is to be found than states that have explicit equations, or these read
+        earlier times.
     """
     record, grid = block.record, block.record.grid
     is_explicit = set(record.equation_of) - record.discrete_states >= set(record.names_of_states)
@@ -435,4 +436,4 @@ def rough_motion(block: Any) -> Trajectory | None:
     found = np.empty((len(record.names_of_states), len(grid.times)))
     found[:, np.searchsorted(grid.times, grid.mesh.boundaries[1:])] = along[:, -1].T
     found[:, grid.node_positions] = along[:, np.searchsorted(places, nodes)].transpose(2, 0, 1)
-    return replace(planned, states=dict(zip(record.names_of_states, found, strict=True)))
+    return dict(zip(record.names_of_states, found, strict=True))

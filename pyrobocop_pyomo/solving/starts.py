@@ -296,14 +296,21 @@ def _move(phase: Any) -> bool:
     """Let a phase follow its controls; returns whether that is a moderate motion."""
     try:
         rough = rough_motion(phase)
-        trajectory = simulate(phase, {}, {}, SIMULATED_BY) if rough is None else rough
+        trajectory = simulate(phase, {}, {}, SIMULATED_BY) if rough is None else None
     except (PyRobocopError, ArithmeticError, ValueError) as error:  # a rule may raise these at such values
         logger.info("phase '%s' cannot be simulated as a start: %s", phase.name, error)
         return False
-    is_moderate = all(np.abs(of).max() < 1e6 for of in trajectory.states.values())
-    if is_moderate:
+    states = (rough or {}) if trajectory is None else trajectory.states
+    if not all(np.abs(of).max() < 1e6 for of in states.values()):
+        return False
+    if trajectory is not None:
         phase.initialize(trajectory)
-    return is_moderate
+        return True
+    for name, numbers in states.items():
+        for variable, number in zip(phase.record.nodes(name).variables(phase), numbers.tolist(), strict=True):
+            if not variable.fixed:
+                variable.set_value(number, skip_validation=True)
+    return True
 
 
 def _give_values(model: Any) -> None:
