@@ -32,7 +32,7 @@ from .record import PhaseRecord, Statement
 from .right_hand_sides import RightHandSides
 from .rule_formulas import RuleFormulas
 
-# Of the integration: differences are of interest from there on; and no step may go over what is short of an element.
+# Of the integration: differences are of interest from there on. Longer steps would pass over a short jet unseen.
 _EXACTLY: dict[str, Any] = {"method": "LSODA", "rtol": 1e-11, "atol": 1e-12, "max_step": 1.0 / SAMPLES}
 # A state that stays at zero has a size too.
 SMALLEST_SCALE = 1e-3

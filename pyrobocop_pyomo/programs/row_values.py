@@ -122,6 +122,7 @@ class RowTerms:
         self._count = len(terms)
         self._rows = np.repeat(np.arange(self._count), list(map(len, terms)))
         self._terms = [term for several in terms for term in several]
+        # Few rows are looked at once: arrays take longer to make than they save.
         self._arrays = RowValues(self._terms) if len(self._terms) >= MANY_TERMS else None
 
     def largest(self) -> Array:
