@@ -50,7 +50,6 @@ if TYPE_CHECKING:
     from pyrobocop_pyomo.geometry import planar_pose as planar_pose
     from pyrobocop_pyomo.geometry import spatial_pose as spatial_pose
     from pyrobocop_pyomo.motion import Body as Body
-    from pyrobocop_pyomo.motion import TablePath as TablePath
     from pyrobocop_pyomo.mpcc import Certificate as Certificate
     from pyrobocop_pyomo.mpcc import Stationarity as Stationarity
     from pyrobocop_pyomo.obstacles import Containment as Containment
@@ -76,7 +75,7 @@ _NAMES_ON_DEMAND = {
     "distributed.agents": "Agent KeepApart Shared",
     "distributed.team": "Team",
     "geometry": "Polytope planar_pose spatial_pose",
-    "motion": "Body TablePath",
+    "motion": "Body",
     "mpcc": "Certificate Stationarity",
     "obstacles": "Containment ObstacleAvoidanceBlock verify_motion",
     "phases": "Verification",

@@ -184,18 +184,6 @@ def substitute_derivatives(discretisation: Discretisation, found: list[Spot]) ->
     return sides
 
 
-def restore_derivatives(discretisation: Discretisation) -> None:
-    """Put the derivatives and their equations back where they were declared."""
-    for derivative, expression in discretisation.substitutions.items():
-        for side in expression.values():
-            side.give_back()
-        parent, name = expression.parent_block(), expression.local_name
-        parent.del_component(expression)
-        derivative.parent_block().del_component(derivative)
-        parent.add_component(name, derivative)
-    discretisation.substitutions.clear()
-
-
 def _explicit_rows(found: list[Spot], candidates: dict[int, Any]) -> dict[int, tuple[Any, Any]]:
     """The row and the right-hand side of each candidate that one row gives and nothing else holds."""
     explicit: dict[int, tuple[Any, Any]] = {}
@@ -244,21 +232,14 @@ class RightHandSide(ExpressionData):
     steady start. So it does not matter whether a derivative is fixed before or after the transformation.
     """
 
-    __slots__ = ("_before", "_derivative", "_row")
+    __slots__ = ("_derivative", "_row")
 
     def __init__(self, side: Any, component: Any, derivative: Any, row: Any) -> None:
         super().__init__(side, component)
-        self._derivative, self._before, self._row = derivative, derivative.value, row
+        self._derivative, self._row = derivative, row
         if not derivative.fixed:  # otherwise the row is a condition, as after `fix`
             self.unfix()
             derivative.stale = True
-
-    def give_back(self) -> None:
-        """Let the derivative and its equation be as they were, unless it is fixed now."""
-        if not self.fixed:
-            self._derivative.unfix()
-            self._derivative.set_value(self._before, skip_validation=True)
-        self._row.activate()
 
     @property
     def value(self) -> float | None:

@@ -20,7 +20,6 @@ from .derivatives import (
     add_collocation,
     derivatives_along,
     remove_collocation,
-    restore_derivatives,
     substitute_derivatives,
     write_rows,
 )
@@ -30,15 +29,13 @@ from .record import Discretisation, discretisations_beside, discretisations_of
 from .shown_values import add_shown_values, clear, find_definitions, find_shown_values
 from .structure import Spot, axis_on, continuous_sets, spots
 from .sums_over_sets import check_possible_sum, find_possible_sums
-from .values import PreviousValues, families
+from .values import families
 
 DAE_NAMES = {"radau": "LAGRANGE-RADAU", "gauss": "LAGRANGE-LEGENDRE"}
 
 
-def discretise(
-    domain: Any, points: tuple[float, ...], grid: Grid, previous: PreviousValues | None = None
-) -> Discretisation:
-    """Discretise one continuous set, afresh where it was discretised; on failure it is not, and all else as it was.
+def discretise(domain: Any, points: tuple[float, ...], grid: Grid) -> Discretisation:
+    """Discretise one continuous set; on failure it is not, and all else as it was.
 
     Parameters
     ----------
@@ -47,11 +44,7 @@ def discretise(
         The points that the set has.
     grid : Grid
         On a mesh with all of these points.
-    previous : PreviousValues, optional
-        Values to start from.
     """
-    for current in discretisations_of([domain]):
-        undo_discretisation(current)
     root = domain.model()
     found = list(spots(root))
     refuse_what_cannot_grow(found, domain)
@@ -69,8 +62,6 @@ def discretise(
         _inherit(found, discretisation)
         discretisations_beside(domain)[domain] = discretisation
         add_collocation(discretisation, found)
-        if previous is not None:
-            previous.give_to(list(spots(root)), discretisation)
         for integral in integrals_along(found, domain):
             integrate(integral, discretisation)
         for possible_sum in possible_sums:
@@ -124,9 +115,8 @@ def _show_values(root: Any, rows: HoldingRows, discretisation: Discretisation) -
 
 
 def undo_discretisation(discretisation: Discretisation) -> None:
-    """Remove everything that was added for a set, and reactivate what was deactivated."""
+    """Remove everything that was added for a set before its derivatives are substituted."""
     domain = discretisation.domain
-    restore_derivatives(discretisation)
     remove_collocation(discretisation)
     for data in discretisation.deactivated:
         data.activate()

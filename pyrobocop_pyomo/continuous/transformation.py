@@ -25,7 +25,6 @@ from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from .discretisation import discretise, finalise, undo_discretisation
 from .record import Discretisation, discretisation_of
 from .structure import axes_of, axis_on, continuous_sets, spots
-from .values import PreviousValues, refuse_later_components
 
 logger = logging.getLogger(__name__)
 
@@ -57,8 +56,7 @@ class Collocation(Transformation):
     equations determine from them. A control at a point without a stage has the value of the nearest collocation point
     in its element, where that restricts nothing else; fixing it, or what follows from it, takes that back. Pairs and
     inequalities that would restrict it there are deactivated, and named in the log. It does not matter whether
-    variables and derivatives are fixed before or after. Applied to a set that it has discretised before, the
-    transformation does so afresh, and interpolates the present values. A refusal leaves the model as it was.
+    variables and derivatives are fixed before or after. A refusal leaves the model as it was.
 
     It cannot be reversed with ``TransformationFactory.reverse``, as ``dae.collocation`` cannot: rows and values of
     points that would go away may be in use by then. ``create_using`` leaves the model alone and returns a discretised
@@ -84,17 +82,12 @@ class Collocation(Transformation):
         scheme = find_scheme(config.scheme, config.ncp)
         with PauseGC():
             domains = _domains(model, config.wrt)
-            replaced: list[tuple[Any, Any, Any]] = []
             done: list[Discretisation] = []
-            with undone_on_failure(lambda: _restore(replaced)):
+            with undone_on_failure(lambda: _undo(done)):
                 for domain in domains:
-                    known, previous, points = discretisation_of(domain), None, tuple(domain)
-                    if known is not None:
-                        refuse_later_components(known)
-                        previous, points = PreviousValues(list(spots(model.model())), known), known.points
+                    points = tuple(domain)
                     grid = make_grid(domain, points, scheme, config.nfe, config.mesh)
-                    replaced.append((domain, known, previous))
-                    done.append(discretise(domain, points, grid, previous))
+                    done.append(discretise(domain, points, grid))
             for discretisation in done:
                 finalise(discretisation)
         for discretisation in done:
@@ -174,20 +167,16 @@ class Collocation(Transformation):
         return instance
 
 
-def _restore(replaced: list[tuple[Any, Any, Any]]) -> None:
-    for domain, known, previous in reversed(replaced):
-        current = discretisation_of(domain)
-        if known is not None and current is not known:
-            finalise(discretise(domain, known.points, known.grid, previous))
-        elif known is None and current is not None:
-            undo_discretisation(current)
+def _undo(done: list[Discretisation]) -> None:
+    for discretisation in reversed(done):
+        undo_discretisation(discretisation)
 
 
 def _domains(model: Any, wrt: Any) -> list[Any]:
     """The sets to discretise, all of them within the model."""
     own = continuous_sets(list(spots(model)))
     if wrt is None:
-        chosen = [domain for domain in own if domain.active and discretisation_of(domain) is None] or own
+        chosen = [domain for domain in own if domain.active and "scheme" not in domain.get_discretization_info()] or own
     else:
         chosen = list(wrt) if isinstance(wrt, (list, tuple)) else [wrt]
     for chosen_set in chosen:
@@ -200,11 +189,11 @@ def _domains(model: Any, wrt: Any) -> list[Any]:
                 f"'{home.name if home is not None else 'no model'}'. Apply the transformation to that, so that "
                 "everything which is indexed by the set grows with it."
             )
-        if discretisation_of(chosen_set) is None and "scheme" in chosen_set.get_discretization_info():
+        if "scheme" in chosen_set.get_discretization_info():
             by = chosen_set.get_discretization_info()["scheme"]
             raise ModelError(
-                f"'{chosen_set.name}': was discretised by pyomo.dae ({by}) already. Start from the model before that "
-                "transformation."
+                f"'{chosen_set.name}': was discretised already ({by}), and no rule is called a second time. Start from "
+                "the model before that transformation: create_using leaves it as it is."
             )
     if not chosen:
         raise ModelError(f"'{model.name}': holds no ContinuousSet, so that there is nothing to discretise.")

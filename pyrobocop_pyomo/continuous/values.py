@@ -1,4 +1,4 @@
-"""Values along a continuous set: as a trajectory, and as the initial values on another mesh."""
+"""Values along a continuous set, as a trajectory."""
 
 from __future__ import annotations
 
@@ -8,15 +8,13 @@ from typing import Any
 import numpy as np
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.var import Var
-from pyomo.dae import ContinuousSet, DerivativeVar, Integral
+from pyomo.dae import ContinuousSet, DerivativeVar
 
 from pyrobocop_pyomo.complementarity import canonical_form, side_values
-from pyrobocop_pyomo.errors import ModelError, TrajectoryError
-from pyrobocop_pyomo.modeling.shared_nodes import variables_in
+from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .expansion import set_initial_value
 from .record import Discretisation, discretisation_of
 from .structure import PAIRS, Spot, axes_of, axis_on, label, spots
 
@@ -118,55 +116,3 @@ def _pairs(found: list[Spot], discretisation: Discretisation) -> dict[str, Array
                 sides = read.setdefault(name, np.full((2, len(position)), np.nan))
                 sides[:, position[time]] = side_values(pair)
     return read
-
-
-class PreviousValues:
-    """The values that a discretised set has, for another mesh."""
-
-    def __init__(self, found: list[Spot], discretisation: Discretisation) -> None:
-        states: dict[Any, Array] = {}
-        signals: dict[Any, Array] = {}
-        for family, is_state, data in families(found, discretisation):
-            times = discretisation.grid.times if is_state else discretisation.grid.points
-            values = [getattr(data.get(time), "value", None) for time in times]
-            if None not in values:
-                (states if is_state else signals)[family] = np.array(values, dtype=float)
-        self._trajectory = Trajectory(discretisation.domain.name, discretisation.grid, states, signals, {}, {})
-
-    def give_to(self, found: list[Spot], discretisation: Discretisation) -> None:
-        """Interpolate onto the new mesh; fixed variables keep their values."""
-        interpolated = self._trajectory(list(discretisation.domain))
-        for family, _, data in families(found, discretisation):
-            if family in interpolated:
-                along = dict(zip(discretisation.domain, interpolated[family].tolist(), strict=True))
-                for time, variable in data.items():
-                    if not variable.fixed:
-                        set_initial_value(variable, along[time])
-
-
-def refuse_later_components(discretisation: Discretisation) -> None:
-    """Raise a `ModelError` when something holds variables at points that go away with the mesh."""
-    found = list(spots(discretisation.domain.model()))
-    kept = set(discretisation.points)
-    leaving = {
-        id(variable)
-        for _, _, data in families(found, discretisation)
-        for time, variable in data.items()
-        if time not in kept
-    }
-    integrals = {id(data) for s in found if isinstance(s.component, Integral) for data in s.component.values()}
-    own = set(map(id, discretisation.generated))
-    for spot in found:
-        component = spot.component
-        if not hasattr(component, "_rule") or isinstance(component, Integral) or id(component.parent_block()) in own:
-            continue
-        gone = {id(data) for _, time, data in spot.members_along(discretisation.domain) if time not in kept}
-        for data in component.values():
-            if id(data) in gone:
-                continue
-            expression = getattr(data, "expr", None)
-            if any(id(variable) in leaving for variable in variables_in(expression, integrals)):
-                raise ModelError(
-                    f"'{data.name}': was built on the mesh that '{discretisation.domain.name}' has now. Delete it "
-                    "(revert a relaxation), apply the transformation again, and build it again."
-                )

@@ -36,7 +36,8 @@ from .rules_along_motion import item_at, parent_of, pose_along
 
 STATES_ONLY = (
     "Between the nodes only states move continuously. Let the pose read states, numbers and functions of t and "
-    "time_at(t) only. Make anything else that it needs a state, with an ode; places over time are a TablePath."
+    "time_at(t) only. Make anything else that it needs a state, with an ode; places over time are an rcp.Table of "
+    "time_at(t)."
 )
 Nodes = tuple[tuple[float, ...], ...]
 

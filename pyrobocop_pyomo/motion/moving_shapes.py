@@ -12,7 +12,6 @@ from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import PathBounds, PointSets, Polytope
 from pyrobocop_pyomo.numerics import Array, Indices
 from pyrobocop_pyomo.numerics.interval_arithmetic import Interval
-from pyrobocop_pyomo.templates.template import templated
 
 from .bodies import Body
 from .motion import Motion
@@ -141,9 +140,6 @@ def template_of(motion: Motion, rule: Any, name: str, dimension: int) -> SignalF
             f"{along.label}: its rule returned {pose!r}; expected a Pose in {dimension} dimensions, by "
             f"{'planar_pose' if dimension == 2 else 'spatial_pose'}."
         )
-    if getattr(templated(rule).rule, "skips_points", False):  # a table says nothing beyond its ends
-        for node in motion.nodes:
-            along.at_node(node)
     return SignalFormulas(along)
 
 

@@ -27,13 +27,12 @@ from pyrobocop_pyomo.modeling.rule_slips import block_as_number, forgotten_index
 from pyrobocop_pyomo.numerics import Array, Indices
 from pyrobocop_pyomo.numerics.bernstein import bernstein_from_samples
 from pyrobocop_pyomo.numerics.lagrange import evaluation_matrix
+from pyrobocop_pyomo.numerics.tables import tables_continued
 from pyrobocop_pyomo.numerics.taylor_forms import TaylorForm
 from pyrobocop_pyomo.numerics.taylor_functions import TAYLOR_FUNCTIONS
 from pyrobocop_pyomo.phases.bounds_between_points import PiecewisePolynomial
 from pyrobocop_pyomo.templates.slots import Always, Clock, Item, NamedItem, Place, Slot, Time
 from pyrobocop_pyomo.templates.template import templated
-
-from .table_paths import TableFunction
 
 # Functions that can be followed between nodes, of which bounds of derivatives are known.
 FOLLOWED = ("sin", "cos", "tan", "atan", "exp", "log", "sqrt")
@@ -43,15 +42,13 @@ def _call(output: Any, *arguments: Any) -> Any:
     """An output of a `Function`: of numbers any, of arrays and Taylor forms one that knows its bounds."""
     if all(isinstance(argument, float) for argument in arguments):
         return output.evaluate(arguments)
-    function = output.function
-    if not isinstance(function, TableFunction):
+    if not hasattr(output.function, "taylor_form"):
         raise ObstacleError(
             f"'{output.name}' is a function in Python, of which nobody knows how it curves between nodes. Write the "
             "formula of the pose, or make what it computes a state."
         )
-    if isinstance(arguments[0], TaylorForm):
-        return function.taylor_form(arguments[0], output.index)
-    return function.values(np.asarray(arguments[0], dtype=float)[:, None])[:, output.index]
+    moves = any(isinstance(argument, TaylorForm) for argument in arguments)
+    return (TAYLOR_FUNCTIONS if moves else ARRAY_FUNCTIONS)["call"](output, *arguments)
 
 
 def _square_root(argument: Any) -> Any:
@@ -417,7 +414,8 @@ class SignalFormulas:
                 return self._named[slot].at(read, functions)
             return _number(slot.component, slot.component.name)
 
-        found = self._formulas.at(read, functions)
+        with tables_continued():  # where they are not to be read, their bounds are not known
+            found = self._formulas.at(read, functions)
         return found.entries if isinstance(found, Pose) else [found]
 
     def _signal(self, item: Item) -> Signal:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from functools import partial
+from functools import cached_property, partial
 from itertools import combinations_with_replacement, product
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -16,10 +16,13 @@ from pyrobocop_pyomo.errors import EvaluationError, FunctionError
 from pyrobocop_pyomo.modeling.functions import Function
 from pyrobocop_pyomo.optional_imports import pandas, scipy
 
-from .arrays import Array, finite_numbers, increasing_numbers
-from .rounding import MET
+from .arrays import Array, Indices, finite_numbers, increasing_numbers
+from .bernstein import restrict
+from .interval_arithmetic import Interval
+from .rounding import MET, NEGLIGIBLE
+from .taylor_forms import TaylorForm, taylor_form_of_polynomial
 
-Kind = Literal["cubic", "natural", "quintic", "monotone"]
+Kind = Literal["linear", "cubic", "natural", "quintic", "monotone"]
 Outside = Literal["error", "linear", "constant"]
 
 
@@ -42,7 +45,7 @@ def tables_continued() -> Iterator[None]:
 class _Interpolant:
     """What tables evaluate: a spline and its derivatives at many points, also beyond its edges."""
 
-    _FEWEST: ClassVar = {"cubic": 4, "natural": 3, "quintic": 6, "monotone": 2}
+    _FEWEST: ClassVar = {"linear": 2, "cubic": 4, "natural": 3, "quintic": 6, "monotone": 2}
 
     def __init__(
         self, name: str, inputs: Sequence[str], grids: list[Array], values: Array, kind: str, outside: str
@@ -54,7 +57,8 @@ class _Interpolant:
         if kind == "monotone":
             self._spline = scipy.interpolate.PchipInterpolator(grids[0], values)
         else:
-            degree, ends = (5, None) if kind == "quintic" else (3, "natural" if kind == "natural" else None)
+            degree = {"linear": 1, "quintic": 5}.get(kind, 3)
+            ends = "natural" if kind == "natural" else None
             knots, coefficients = [], values
             for axis, grid in enumerate(grids):  # one axis after the other: a tensor product
                 along = scipy.interpolate.make_interp_spline(grid, coefficients, k=degree, bc_type=ends, axis=axis)
@@ -84,6 +88,16 @@ class _Interpolant:
         known = {some: self.derivative((*by, *some), points) for some in combinations_with_replacement(inputs, order)}
         every = [known[tuple(sorted(some))] for some in product(inputs, repeat=order)]
         return np.stack(every, axis=1).reshape(points.shape[0], *[len(inputs)] * order)
+
+    def pieces(self, order: int) -> Any:
+        """A derivative of a function of one input: the Bernstein coefficients of its polynomials between the knots."""
+        interpolate, spline = scipy.interpolate, self._spline
+        if not isinstance(spline, interpolate.PPoly):
+            (degree,) = np.atleast_1d(spline.k).tolist()
+            spline = interpolate.PPoly.from_spline((spline.t[0], spline.c, degree))
+        kept = np.diff(spline.x) > 0.0  # knots at the ends of a spline are repeated
+        plain = interpolate.PPoly(spline.c[:, kept], np.unique(spline.x))
+        return interpolate.BPoly.from_power_basis(plain).derivative(order)
 
     @property
     def _outside(self) -> str:
@@ -126,6 +140,62 @@ class _Spline(Function):
         # What is remembered of the last point may not be legal there a moment later.
         return self.values(np.array([point], dtype=float))[0] if _CONTINUED.get() else super().values_at(point)
 
+    @cached_property
+    def _orders(self) -> list[Any]:
+        """The function and its first two derivatives, between the knots."""
+        return [self._interpolant.pieces(len(self._by) + order) for order in range(3)]
+
+    def taylor_form(self, *arguments: Any) -> TaylorForm:
+        """Bounds of the function and its derivatives, from those of its argument; unknown where there are two.
+
+        Where the slope jumps inside a subinterval the second derivative has no bound. Values have one nevertheless, and
+        halving leaves few such subintervals.
+        """
+        moving = next(argument for argument in arguments if isinstance(argument, TaylorForm))
+        low, high = moving.value.low, moving.value.high
+        if len(arguments) > 1:
+            return TaylorForm.constant(np.nan, len(low))
+        knots, outside = self._orders[0].x, self._interpolant.outside
+        rounding = 16 * np.finfo(float).eps * np.abs(knots).max()
+        last = len(knots) - 2
+        first_piece = np.clip(np.searchsorted(knots, low, side="right") - 1, 0, last)
+        last_piece = np.clip(np.searchsorted(knots, high, side="left") - 1, first_piece, last)
+        found = [self._bounds_on(first_piece, low - rounding, high + rounding)]
+        for further in range(1, int((last_piece - first_piece).max(initial=0)) + 1):
+            piece = np.minimum(first_piece + further, last_piece)
+            found.append(self._bounds_on(piece, low - rounding, high + rounding))
+        values, slopes, curvatures = (list(of) for of in zip(*found, strict=True))
+        beyond = np.minimum(low + rounding - knots[0], 0.0), np.maximum(high - rounding - knots[-1], 0.0)
+        is_beyond = (beyond[0] < 0.0) | (beyond[1] > 0.0)
+        rests = _where(is_beyond, 0.0, 0.0)
+        kinks, edges = self._kinks, knots[[0, -1]]
+        if outside == "linear":
+            kinks = np.setdiff1d(kinks, edges)
+            for edge, distance in zip(edges, beyond, strict=True):
+                end = self._orders[0](edge) + self._orders[1](edge) * distance
+                values.append(Interval(end, end))
+        else:
+            slopes.append(rests)
+        bends = np.searchsorted(kinks, high - rounding, "left") > np.searchsorted(kinks, low + rounding, "right")
+        curvatures += [rests, _where(bends, -np.inf, np.inf)]
+        unknown = ~np.isfinite(low) | ~np.isfinite(high) | (is_beyond & (outside == "error"))
+        return moving.compose(*(_unless(unknown, _hull(bounds)) for bounds in (values, slopes, curvatures)))
+
+    def _bounds_on(self, piece: Indices, low: Array, high: Array) -> tuple[Interval, Interval, Interval]:
+        """Of a polynomial between two knots, where an argument is there."""
+        origin, end = self._orders[0].x[piece], self._orders[0].x[piece + 1]
+        start, stop = ((np.clip(at, origin, end) - origin) / (end - origin) for at in (low, high))
+        value, slope, curvature = (restrict(of.c[:, piece].T, start, stop) for of in self._orders)
+        form = taylor_form_of_polynomial((value, slope, curvature))
+        return form.value, form.first, form.second
+
+    @property
+    def _kinks(self) -> Array:
+        """Knots at which the slope jumps; the ends too, where it is not zero."""
+        slopes = self._orders[1].c
+        before, after = np.append(0.0, slopes[-1]), np.append(slopes[0], 0.0)
+        return np.asarray(self._orders[0].x[np.abs(after - before) > NEGLIGIBLE * np.abs(slopes).max(initial=0.0)])
+
     def __call__(self, *arguments: Any) -> Any:
         """The function at these arguments: an expression, a number, or for arrays of numbers an array of their shape.
 
@@ -157,10 +227,11 @@ class Table(_Spline):
         ``Table(x, values)`` for one input, shapes (n,) and (n,); ``Table(x, y, values)`` for two, shapes (n,), (m,) and
         (n, m): rows of the values belong to x. Grids increase strictly. ``Table(series)`` and ``Table(frame)`` of
         pandas take the grids from index and columns.
-    kind : {"cubic", "natural", "quintic", "monotone"}
+    kind : {"linear", "cubic", "natural", "quintic", "monotone"}
         Cubic splines have two continuous derivatives, quintic ones four; in two inputs they are tensor products.
         ``"cubic"`` has not-a-knot ends, ``"natural"`` no curvature there. ``"monotone"``, of one input only, never
-        overshoots: between two points it stays between their values; its second derivative jumps at the points.
+        overshoots: between two points it stays between their values; its second derivative jumps at the points. That of
+        ``"linear"`` is zero, and its slope jumps.
     outside : {"error", "linear", "constant"}
         Beyond the table: refused (a solver takes a shorter step then, and no solution lies there), continued by the
         tangent, or by the value at the edge. Both continuations have kinks at the edge, in the second and in the first
@@ -213,7 +284,7 @@ class Table(_Spline):
                 "Table(x, y, values)."
             )
         for word, given, known in (
-            ("kind", kind, ("cubic", "natural", "quintic", "monotone")),
+            ("kind", kind, tuple(_Interpolant._FEWEST)),
             ("outside", outside, ("error", "linear", "constant")),
         ):
             if given not in known:
@@ -303,6 +374,19 @@ class Table(_Spline):
         """
         frame = pandas.read_csv(path, index_col=0)
         return cls(frame.squeeze("columns"), **{"name": Path(path).stem, **options})
+
+
+def _hull(bounds: list[Interval]) -> Interval:
+    return Interval(np.min([bound.low for bound in bounds], axis=0), np.max([bound.high for bound in bounds], axis=0))
+
+
+def _where(condition: Any, low: float, high: float) -> Interval:
+    """An interval where a condition holds, and the empty one elsewhere, which adds nothing to a hull."""
+    return Interval(np.where(condition, low, np.inf), np.where(condition, high, -np.inf))
+
+
+def _unless(unknown: Any, bounds: Interval) -> Interval:
+    return Interval(np.where(unknown, np.nan, bounds.low), np.where(unknown, np.nan, bounds.high))
 
 
 def _is_numeric_array(argument: Any) -> bool:

@@ -88,6 +88,15 @@ def _choice(condition: Any, first: Any, second: Any) -> Any:
     return TaylorForm(chosen("value", jumps=False), chosen("first", jumps=True), chosen("second", jumps=True))
 
 
+def _called(output: Any, *arguments: Any) -> Any:
+    """An output of a `Function`; of arguments that move by the bounds that it has of itself, if it has any."""
+    moving = next((argument for argument in arguments if isinstance(argument, TaylorForm)), None)
+    if moving is None:
+        return output.evaluate(arguments)
+    bounds = getattr(output.function, "taylor_form", None)
+    return TaylorForm.constant(np.nan, len(moving.value.low)) if bounds is None else bounds(*arguments)
+
+
 TAYLOR_FUNCTIONS: dict[str, Callable[..., Any]] = {
     **{name: _function(name, getattr(TaylorForm, name)) for name in ("sin", "cos", "tan", "exp", "log")},
     **{name: _function(name, _monotone(name)) for name in _MONOTONE},
@@ -105,4 +114,5 @@ TAYLOR_FUNCTIONS: dict[str, Callable[..., Any]] = {
     "<<=": lambda a, b, c: _LESS(a, b) * _NO_MORE(b, c),
     "<<": lambda a, b, c: _LESS(a, b) * _LESS(b, c),
     "choose": _choice,
+    "call": _called,
 }

@@ -93,8 +93,8 @@ def check_rules(label: str, motion: Motion, bodies: Mapping[str, Body], *, betwe
             raise ObstacleError(
                 f"{label}: the pose of '{name}' depends on t, which on phase '{phase.name}' runs from 0 to 1 and is no "
                 "time, because its start, its duration or its elements are to be found. Write b.time_at(t) in place of "
-                f"t, where b is '{phase.name}', also as clock= of a TablePath; for a path that takes as long as the "
-                "phase does, (b.time_at(t) - b.start) / b.duration."
+                f"t, where b is '{phase.name}'; for a path that takes as long as the phase does, "
+                "(b.time_at(t) - b.start) / b.duration."
             )
 
 

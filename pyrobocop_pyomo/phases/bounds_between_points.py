@@ -56,9 +56,8 @@ _MOST_INSTANTS, _MOST_PARTS = 2000, 200_000
 _JUDGED = {FUNCTION, POWER, DIVISION, CHOICE, RELATION, CALL}
 
 
-# What is known of a function in Python, and of what has no value. Steps are compiled once for one mapping of functions.
+# What is known of what has no value.
 _UNKNOWN = TaylorForm.constant(np.nan, 1)
-_FUNCTIONS = {**TAYLOR_FUNCTIONS, "call": lambda *arguments: _UNKNOWN}
 
 
 # --------------------------------------------------------------------------------------------------- at many instants
@@ -286,7 +285,8 @@ def unseen_on_the_way(block: Any, trajectory: Trajectory, statements: Iterable[S
     """Which rule may do something along the way of a trajectory that ``SAMPLES`` instants of an element do not show.
 
     Quick changes with the time are found by `instants_to_look_at`. This is about places: a jet that is passed between
-    two instants shows in the bounds of its formula only. A function in Python has no bounds; a table has its knots.
+    two instants shows in the bounds of its formula only. A function in Python has no bounds; of a table of two inputs
+    the knots are known.
 
     Parameters
     ----------
@@ -312,7 +312,10 @@ def unseen_on_the_way(block: Any, trajectory: Trajectory, statements: Iterable[S
         for call in changing_places(steps, moving | {id(formulas.index), id(formulas.clock)}):
             if steps.steps[call].kind != CALL:
                 continue
-            cells = getattr(function_called(steps.nodes[call]), "cells", None)
+            function = function_called(steps.nodes[call])
+            cells = getattr(function, "cells", None)
+            if len(steps.steps[call].arguments) == 1 and hasattr(function, "taylor_form"):
+                continue  # its bounds are known
             if cells is None:
                 return f"{what} has '{_readable(steps.nodes[call])}', a function of which no bounds are known."
             if _Parts(formulas, steps, steps.steps[call].arguments, trajectory).change_by_more_than(cells):
@@ -486,7 +489,7 @@ class _Parts:
             return known[key]
 
         with np.errstate(all="ignore"):
-            for row, form in enumerate(self._steps.evaluate(read, _FUNCTIONS)):
+            for row, form in enumerate(self._steps.evaluate(read, TAYLOR_FUNCTIONS)):
                 if isinstance(form, TaylorForm) and not np.isnan(form.value.low).all():
                     low[row], high[row] = form.value.low, form.value.high
                     bend = form.second.magnitude * (end - start) ** 2 / (8 * _CHANGE)

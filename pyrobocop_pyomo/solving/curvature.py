@@ -11,10 +11,10 @@ import numpy as np
 from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.ipopt.linear_solvers import suits
 from pyrobocop_pyomo.linear_solver import SymmetricFactorisation
-from pyrobocop_pyomo.mpcc.sensitivity import NEAR
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint
 
+NEAR = 1e-4  # a row or bound at most this far away may be active
 # A step of size one in the variables has to promise so much, of the objective. Arcs that are singular, and directions
 # that change nothing, have no curvature but rounding.
 LEAST_DECREASE = 1e-4

@@ -1,6 +1,6 @@
-"""Studies around a solve: many starts or data, paths of data, sensitivity, receding horizons.
+"""Studies around a solve: many starts or data, receding horizons.
 
-`multistart`, `homotopy` and `sweep` give a `StudyResult`: a sequence of outcomes that prints as a
+`multistart` and `sweep` give a `StudyResult`: a sequence of outcomes that prints as a
 table. Its members mean the same in all of them:
 
 * ``best``: the outcome that answers the study; its point is the one on the model;
@@ -12,16 +12,23 @@ table. Its members mean the same in all of them:
 ``time_limit`` is for the whole study.
 """
 
-from .homotopy import homotopy
+from importlib import import_module
+from typing import Any
+
 from .multistart import multistart
 from .persistent_nlp import PersistentNLP
 from .receding_horizon import RecedingHorizon
-from .sensitivity import sensitivity
 
 __all__ = [
     "PersistentNLP",
     "RecedingHorizon",
-    "homotopy",
     "multistart",
     "sensitivity",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """What is of `contrib`, whose folder is loaded at its first use."""
+    if name != "sensitivity":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return import_module("pyrobocop_pyomo.contrib.sensitivity").sensitivity

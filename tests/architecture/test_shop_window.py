@@ -22,7 +22,7 @@ PUBLIC = {
     "": """
         Agent Algebraic Body Certificate Complementarity Containment Control Duration Function
         JoinedTrajectory KeepApart Link ObstacleAvoidanceBlock Parameter PhaseBlock
-        Polytope Quality Shared SolveResult Start State Stationarity StopReason Strategy Table TablePath Team
+        Polytope Quality Shared SolveResult Start State Stationarity StopReason Strategy Table Team
         Trajectory Verification __version__ active_pairs array complements dae_trajectory diagnose either_zero
         estimate from_pyrobocop join_trajectories label_measurements phases_of planar_pose remesh_phases
         solution_arrays solve spatial_pose sweep verify_motion
@@ -49,7 +49,7 @@ PUBLIC = {
     "mechanics.spatial": "Capsule Contact RigidBody RoundedBox Score Sphere SphereRobot",
     "schemes": "Grid Mesh Scheme find_scheme gauss_legendre lobatto radau",
     "studies": """
-        PersistentNLP RecedingHorizon homotopy multistart sensitivity
+        PersistentNLP RecedingHorizon multistart sensitivity
     """,
 }
 

@@ -143,7 +143,7 @@ def test_where_rows_hold(scheme, inner):
 
 
 # --------------------------------------------------------------------
-# Clones, pickles, create_using, and a second mesh.
+# Clones, pickles, and create_using.
 
 
 # -------------------------------------------------------------------- copies
@@ -180,8 +180,6 @@ def test_clones_and_pickles_are_models_of_their_own(copied):
     assert m.x[1].value == 1
     assert n.x[1].value == pytest.approx(2 * exp(-1), abs=1e-6)
     assert rcp.dae_trajectory(n, n.t).rates["x"][-1] == pytest.approx(-2 * exp(-1), abs=1e-4)
-    COLLOCATION.apply_to(n, nfe=8)
-    assert pyo.value(solved(n).area) == pytest.approx(2 - 2 * exp(-1), abs=1e-8)
     assert len(m.t) == 13
     assert m.x._derivative[("t",)]() in (m.dx, m.find_component("t_collocation.replaced.dx"))
 
@@ -194,21 +192,3 @@ def test_create_using_leaves_the_model_alone():
     assert m.dtotal.ctype is DerivativeVar
     assert m.product.ctype is Integral
     assert CASES["reactor, index 1"].errors(solved(n))[0] < 1e-4
-
-
-# -------------------------------------------------------------------- again
-
-
-@pytest.mark.casadi
-@pytest.mark.parametrize("name", CASES)
-def test_again_on_another_mesh_from_the_last_solution(name):
-    case = CASES[name]
-    m, n = case.build(), case.build()
-    COLLOCATION.apply_to(m, nfe=6)
-    coarse = case.errors(solved(m))
-    COLLOCATION.apply_to(m, nfe=12, scheme="gauss")
-    guess = case.errors(m)
-    COLLOCATION.apply_to(n, nfe=12, scheme="gauss")
-    assert {c.name: len(c) for c in m.component_objects()} == {c.name: len(c) for c in n.component_objects()}
-    assert guess[0] <= coarse[0] + 1e-2
-    assert case.errors(solved(m)) == pytest.approx(case.errors(solved(n)), abs=1e-8)

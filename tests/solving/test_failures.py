@@ -24,7 +24,7 @@ from known_mpccs import mpcc_problem
 from test_finer_meshes import forced
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import ComplementarityError, EvaluationError, SolveFailed
+from pyrobocop_pyomo.errors import ComplementarityError, EvaluationError
 from pyrobocop_pyomo.ipopt import ipopt_run
 from pyrobocop_pyomo.ipopt.backends import find_ipopt_executable
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
@@ -351,17 +351,6 @@ def weighted() -> pyo.ConcreteModel:
     (cost,) = m.component_data_objects(pyo.Objective)
     cost.set_value(m.weight * cost.expr)
     return m
-
-
-@pytest.mark.casadi
-@pytest.mark.parametrize("run", [0, 3, 7])
-def test_a_path_of_data_ends_where_it_was_interrupted(run: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    runs = interrupt_run(monkeypatch, run)
-    with pytest.raises(SolveFailed, match="Ctrl-C") as failed:
-        rcp.studies.homotopy(weighted(), {"weight": (0.5, 1.0)}, 4, progress=False)
-    assert len(runs) == run + 1
-    *others, last = [step.result.stop_reason is rcp.StopReason.INTERRUPTED for step in failed.value.result]
-    assert (any(others), last) == (False, True)
 
 
 @pytest.mark.casadi

@@ -303,13 +303,10 @@ def test_options_that_are_also_set_here_are_the_users(name: str, seen: list[Opti
 
 
 @pytest.mark.casadi
-def test_several_starts_and_paths_pass_the_options_on(seen: list[Options]) -> None:
+def test_several_starts_pass_the_options_on(seen: list[Options]) -> None:
     m = weighted()
     for outcome in rcp.studies.multistart(m, 3, options=USERS):
         check(outcome.result, seen, "asl")
-    seen.clear()
-    for step in rcp.studies.homotopy(m, {"weight": (0.5, 1.0)}, 2, options=USERS):
-        check(step.result, seen, "asl")
 
 
 @pytest.mark.casadi

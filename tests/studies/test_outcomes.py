@@ -21,7 +21,6 @@ def build() -> Any:
 
 STUDIES = {
     "multistart": lambda: rcp.studies.multistart(build(), 2),
-    "homotopy": lambda: rcp.studies.homotopy(build(), {"goal": (0.5, 1.0)}, steps=1),
     "sweep": lambda: rcp.sweep(build(), [{"goal": 1.1}, {"goal": 1.0}]),
 }
 

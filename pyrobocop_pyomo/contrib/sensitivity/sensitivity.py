@@ -27,7 +27,6 @@ from pyrobocop_pyomo.diagnosis.findings import quoted
 from pyrobocop_pyomo.errors import EvaluationError, ModelError
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.shared_nodes import NodeReplacement
-from pyrobocop_pyomo.mpcc.sensitivity import derivatives
 from pyrobocop_pyomo.numerics.rounding import MET
 from pyrobocop_pyomo.optional_imports import pandas
 from pyrobocop_pyomo.presentation import Presented
@@ -37,9 +36,10 @@ from pyrobocop_pyomo.programs.wrapped_programs import WrappedProgram
 from pyrobocop_pyomo.solving.iterates import Quality
 from pyrobocop_pyomo.solving.model_check import ModelCheck
 from pyrobocop_pyomo.solving.solve_result import SolveResult
+from pyrobocop_pyomo.studies.named_data import by_component, fixed_members, named
+from pyrobocop_pyomo.studies.sweep_cases import unread_members
 
-from .named_data import by_component, fixed_members, named
-from .sweep_cases import unread_members
+from .derivatives import derivatives
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 
 from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
+from pyrobocop_pyomo.mpcc.problem import Linearisation
 from pyrobocop_pyomo.numerics import BoolArray
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram
+from pyrobocop_pyomo.solving.curvature import NEAR
 
-from .problem import Linearisation
-
-NEAR = 1e-4  # a row or bound at most this far away may be active
 STRICT = 1e-7  # smallest relative multiplier of an active one, and smallest relative distance of an inactive one
 NEWTON_STEPS = 6
 DOING = "derivatives of a solution"

@@ -1,0 +1,116 @@
+"""Derivatives of a solution on arrays: the law of the implicit function, and refusals where it does not hold."""
+
+import numpy as np
+import pytest
+from harness.quadratic_program import QuadraticProgram
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pyrobocop_pyomo.contrib.sensitivity.derivatives import derivatives
+from pyrobocop_pyomo.errors import EvaluationError
+
+
+def named(number: int) -> str:
+    return f"constraint {number}"
+
+
+def tracking(p: float, **bounds) -> QuadraticProgram:
+    """Minimise (x - p)^2 / 2 over x with the parameter p as the second variable."""
+    return QuadraticProgram([0, 0], H=[[1, -1], [-1, 1]], **bounds)
+
+
+@given(p=st.floats(-5, 5), shift=st.floats(-1e-7, 1e-7))
+def test_a_free_minimiser_follows_its_parameter_and_is_refined(p, shift):
+    found = derivatives(tracking(p), np.array([p + shift, p]), np.array([1]), named)
+    assert found.x == pytest.approx([p, p], abs=1e-10)
+    assert found.variables[:, 0] == pytest.approx([1.0, 1.0])
+    assert found.objective == pytest.approx([0.0], abs=1e-10)
+    assert found.active.size == 0
+
+
+@pytest.mark.parametrize("distance", [0.0, 1e-9, 1e-6])
+def test_an_active_bound_holds_the_variable_and_the_objective_moves(distance):
+    # Interior-point methods stop a little inside: how far does not matter.
+    nlp = tracking(-2.0, x_lower=[1.0, -np.inf])
+    found = derivatives(nlp, np.array([1.0 + distance, -2.0]), np.array([1]), named)
+    assert found.x[0] == 1.0
+    assert found.variables[0, 0] == pytest.approx(0.0, abs=1e-15)
+    assert found.objective == pytest.approx([-3.0])  # d/dp of (1 - p)^2 / 2
+    assert list(found.active) == [0 + nlp.m]
+    assert found.multipliers == pytest.approx([-3.0])
+
+
+def test_an_inactive_bound_nearby_does_not_hold():
+    nlp = tracking(1.0 + 1e-5, x_lower=[1.0, -np.inf])
+    found = derivatives(nlp, np.array([1.0 + 1e-5, 1.0 + 1e-5]), np.array([1]), named)
+    assert found.variables[0, 0] == pytest.approx(1.0)
+
+
+@given(
+    seed=st.integers(0, 10**6),
+    held=st.integers(0, 2),
+)
+def test_derivatives_of_random_quadratic_programs_are_those_of_their_linear_system(seed, held):
+    """With the active rows known, solution and multipliers are linear in p: differences are exact."""
+    generator = np.random.default_rng(seed)
+    n, k = 4, 2
+    root = generator.normal(size=(n, n))
+    H = root @ root.T + np.eye(n)
+    coupling, A = generator.normal(size=(n, k)), generator.normal(size=(held, n + k))
+    H_all = np.block([[H, coupling], [coupling.T, np.eye(k)]])
+    c = generator.normal(size=n + k)
+
+    def solution(p):
+        matrix = np.block([[H, A[:, :n].T], [A[:, :n], np.zeros((held, held))]])
+        right = -np.concatenate([c[:n] + coupling @ p, A[:, n:] @ p])
+        answer = np.linalg.solve(matrix, right)
+        z = np.concatenate([answer[:n], p])
+        return answer, c @ z + z @ H_all @ z / 2
+
+    p = generator.normal(size=k)
+    nlp = QuadraticProgram(c, H=H_all, A=A if held else None, g_lower=np.zeros(held), g_upper=np.zeros(held))
+    answer, _ = solution(p)
+    found = derivatives(nlp, np.concatenate([answer[:n], p]), np.array([n, n + 1]), named)
+    assert found.multipliers == pytest.approx(answer[n:], rel=1e-6, abs=1e-7)
+    for j, step in enumerate(np.eye(k)):
+        (forth, f_forth), (back, f_back) = solution(p + step), solution(p - step)
+        assert found.variables[:n, j] == pytest.approx((forth - back)[:n] / 2, rel=1e-6, abs=1e-7)
+        assert found.objective[j] == pytest.approx((f_forth - f_back) / 2, rel=1e-6, abs=1e-7)
+
+
+def test_a_bound_that_repeats_an_equation_does_not_count_twice():
+    nlp = tracking(2.0, A=[[3.0, 0.0]], g_lower=[0.0], g_upper=[0.0], x_lower=[0.0, -np.inf])
+    found = derivatives(nlp, np.array([0.0, 2.0]), np.array([1]), named)
+    assert list(found.active) == [0]
+    assert found.variables[0, 0] == pytest.approx(0.0, abs=1e-15)
+
+
+@pytest.mark.parametrize("distance", [0.0, 1e-9, 3e-5])
+def test_a_bound_without_a_multiplier_is_refused_by_name(distance):
+    """Also where an interior-point method stopped beside it."""
+    nlp = tracking(1.0, x_lower=[1.0, -np.inf])
+    with pytest.raises(EvaluationError, match=r"strict complementarity fails: 1 inequalities .* constraint 0"):
+        derivatives(nlp, np.array([1.0 + distance, 1.0]), np.array([1]), named)
+
+
+@pytest.mark.parametrize("moves", [0.0, 1.0])
+def test_dependent_equations_are_refused_by_name_where_they_move_apart(moves):
+    rows = [[1, 1, 0, 0], [0, 1, 1, -moves], [1, 2, 1, -moves]]
+    nlp = QuadraticProgram([0] * 4, H=np.eye(4), A=rows, g_lower=[0] * 3, g_upper=[0] * 3)
+    found = derivatives(nlp, np.zeros(4), np.array([3]), named)
+    assert found.variables[:3, 0] == pytest.approx(moves * np.array([-1, 1, 2]) / 3)
+    rows[2][3] = 1
+    nlp = QuadraticProgram([0] * 4, H=np.eye(4), A=rows, g_lower=[0] * 3, g_upper=[0] * 3)
+    with pytest.raises(EvaluationError, match=r"linearly dependent.*among them: constraint 0, constraint 1"):
+        derivatives(nlp, np.zeros(4), np.array([3]), named)
+
+
+def test_a_flat_direction_is_refused_by_name():
+    nlp = QuadraticProgram([0, 0, 0], H=np.diag([1.0, 0.0, 1.0]))
+    with pytest.raises(EvaluationError, match=r"the solution is not unique"):
+        derivatives(nlp, np.zeros(3), np.array([2]), named)
+
+
+def test_a_point_that_is_no_solution_is_refused():
+    with pytest.raises(EvaluationError, match=r"moves constraint 0 from 0 to 2"):
+        derivatives(tracking(2.0), np.array([0.0, 2.0]), np.array([1]), named)
