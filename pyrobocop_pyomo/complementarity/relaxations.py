@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 from pyrobocop_pyomo.errors import ComplementarityError
 from pyrobocop_pyomo.modeling.expressions import choose
+from pyrobocop_pyomo.numerics.rounding import ROUNDING
 
 
 @runtime_checkable
@@ -228,7 +230,8 @@ def as_relaxation(choice: str | Relaxation | ObjectiveTerm) -> Any:
     Raises
     ------
     ValueError
-        If it is neither a known name nor an object that can bound or penalise a product.
+        If it is neither a known name nor an object that can bound or penalise a product, or its shift is not what its
+        residual changes by.
     """
     if isinstance(choice, str):
         name = choice.replace("_", "-")
@@ -240,4 +243,19 @@ def as_relaxation(choice: str | Relaxation | ObjectiveTerm) -> Any:
             f"{choice!r} is not a relaxation: it needs the methods residual(a, b, delta) and shift(delta), "
             "or coefficient(delta). Pass an object or a name."
         )
+    if isinstance(choice, Relaxation):
+        _refuse_wrong_shift(choice)
     return choice
+
+
+def _refuse_wrong_shift(relaxation: Relaxation) -> None:
+    """A row whose bound moves by something else than its residual would relax another set than it says."""
+    a, b, delta = 0.5, 2.0, 0.25
+    if (shift := relaxation.shift(delta)) is None:
+        return
+    changed = relaxation.residual(a, b, 0.0) - relaxation.residual(a, b, delta)
+    if not math.isclose(changed, shift, rel_tol=ROUNDING):
+        raise ValueError(
+            f"{relaxation!r}: shift({delta}) is {shift}, but from delta = 0 to {delta} residual({a}, {b}, delta) falls "
+            f"by {changed}. Return what it falls by, whatever a and b are, or None."
+        )

@@ -147,13 +147,9 @@ class Polytope(Presented):
         cls, corners: int, circumradius: float, center: Sequence[float] = (0.0, 0.0), *, name: str = "polygon"
     ) -> Polytope:
         """Polygon with equal sides and its first corner on the positive x axis of its centre."""
-        if corners < 3 or not (math.isfinite(circumradius) and circumradius > 0.0):
-            raise ObstacleError(
-                f"'{name}': a regular polygon has 3 corners or more and a positive circumradius; "
-                f"given: {corners} and {circumradius}."
-            )
-        angles = 2.0 * math.pi * np.arange(corners) / corners
-        ring = circumradius * np.column_stack([np.cos(angles), np.sin(angles)])
+        if not (math.isfinite(circumradius) and circumradius > 0.0):
+            raise ObstacleError(f"'{name}': circumradius {circumradius}; expected a positive length.")
+        ring = circumradius * _on_circle(corners, name, "corners")
         return cls(_checked_position(center, name, 2) + ring, np.zeros((0, 2)), 0.0, name)
 
     @classmethod
@@ -406,12 +402,17 @@ def _around_circle(radius: float, height: float, sides: int, name: str) -> tuple
     """
     if not (math.isfinite(radius) and math.isfinite(height)) or min(radius, height) <= 0.0:
         raise ObstacleError(f"'{name}': radius {radius}, height {height}; expected positive lengths.")
-    if not isinstance(sides, int) or sides < 3:
-        raise ObstacleError(f"'{name}': {sides!r} sides; expected a whole number, 3 or more.")
+    corners = _on_circle(sides, name, "sides")
     share = (1.0 + ROUNDING) / math.cos(math.pi / sides)
-    angles = 2.0 * math.pi * np.arange(sides) / sides
-    ring = radius * share * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(sides)])
-    return ring, radius * (share - 1.0)
+    return radius * share * np.column_stack([corners, np.zeros(sides)]), radius * (share - 1.0)
+
+
+def _on_circle(corners: int, name: str, label: str) -> np.ndarray:
+    """Corners (k, 2) of a regular polygon in the unit circle, the first one on the x axis."""
+    if not isinstance(corners, (int, np.integer)) or corners < 3:
+        raise ObstacleError(f"'{name}': {corners!r} {label}; expected a whole number, 3 or more.")
+    angles = 2.0 * math.pi * np.arange(corners) / corners
+    return np.column_stack([np.cos(angles), np.sin(angles)])
 
 
 def extents(normals: np.ndarray, ellipsoids: np.ndarray) -> np.ndarray:

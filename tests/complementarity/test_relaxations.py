@@ -13,19 +13,17 @@ from pyomo.dae import ContinuousSet, DerivativeVar
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.complementarity import (
-    ChenHarkerKanzowSmale,
     Complementarity,
     Crossed,
     Elastic,
-    FischerBurmeister,
     Fixed,
     FollowBarrier,
     Geometric,
     KanzowSchwartz,
     PerElement,
     PerPair,
+    Relaxation,
     Scholtes,
-    SteffensenUlbrich,
     Superlinear,
     active_pairs,
     complements,
@@ -36,14 +34,7 @@ from pyrobocop_pyomo.errors import ComplementarityError
 
 from .harness import RELAX, stages
 
-BOUNDING = [
-    Scholtes(),
-    SteffensenUlbrich(),
-    KanzowSchwartz(),
-    FischerBurmeister(),
-    ChenHarkerKanzowSmale(),
-    Elastic(),
-]
+BOUNDING = [made for make in RELAXATIONS.values() if isinstance(made := make(), Relaxation)]
 
 sides = st.floats(0, 10)
 signed = st.floats(-2, 10)
@@ -89,6 +80,20 @@ def test_in_the_limit_only_the_pairs_are_accepted(relaxation, a, b):
     assert not accepts(relaxation, a, b, 1e-6)
 
 
+@pytest.mark.parametrize("relaxation", BOUNDING, ids=str)
+@given(a=signed, b=signed, delta=deltas)
+def test_a_shift_is_what_the_residual_falls_by(relaxation, a, b, delta):
+    if (shift := relaxation.shift(delta)) is not None:
+        assert relaxation.residual(a, b, 0.0) - shift == pytest.approx(relaxation.residual(a, b, delta), abs=1e-12)
+
+
+class WrongShift(Scholtes):
+    """Its bound would move by half of what its residual says."""
+
+    def shift(self, delta):
+        return delta / 2
+
+
 def test_words_stand_for_objects():
     assert as_relaxation("kanzow_schwartz") == as_relaxation("kanzow-schwartz") == KanzowSchwartz()
     assert as_relaxation("elastic") == Elastic()
@@ -111,6 +116,7 @@ tolerances = st.floats(1e-10, 1.0)
         ("schotles", as_relaxation, r"unknown relaxation 'schotles'\. Known: 'scholtes', "),
         (3, as_relaxation, r"3 is not a relaxation"),
         (Scholtes, as_relaxation, r"is not a relaxation.*Pass an object"),
+        (WrongShift(), as_relaxation, r"shift\(0\.25\) is 0\.125, .* falls by 0\.25"),
         ("time", as_grouping, r"unknown grouping 'time'\. Known: 'pair', 'element'"),
         (PerPair, as_grouping, r"is not a grouping"),
     ],
