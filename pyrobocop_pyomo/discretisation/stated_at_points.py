@@ -21,6 +21,7 @@ from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
 from pyrobocop_pyomo.modeling.shared_nodes import NodeReplacement, variables_in_any
 from pyrobocop_pyomo.numerics.rounding import MET
 from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
+from pyrobocop_pyomo.phases import Control
 from pyrobocop_pyomo.phases.equations import INTEGRALS
 
 from .estimates import ZERO_OBJECTIVE
@@ -68,12 +69,7 @@ def stated_at_points(model: Any, phases: Sequence[Any], found: RowMultipliers, o
 
 def rows_beside(model: Any, phases: Sequence[Any]) -> Iterator[tuple[Any, list[Any]]]:
     """Constraints that costates do not account for, each with its active rows."""
-    accounted = {
-        id(phase.component(name))
-        for phase in phases
-        for name in (*phase.record.generated_rows, *(statement.name for statement in phase.record.statements))
-        if not _is_rate_on_mesh(phase.record, name)
-    }
+    accounted = {id(phase.component(name)) for phase in phases for name in _known_to_costates(phase.record)}
     for component in model.component_objects(Constraint, active=True):
         if id(component) not in accounted:
             yield component, [row for row in component.values() if row.active]
@@ -94,10 +90,14 @@ def motion_beside_phases(model: Any, phases: Sequence[Any]) -> Iterator[str]:
             yield f"'{block.name}' stands on points, and no equation says what moves between them."
 
 
-def _is_rate_on_mesh(record: Any, name: str) -> bool:
-    """Whether generated rows bound the rate of a control from point to point, where the mesh places the points."""
-    control = record.declarations.get(name.removesuffix("_rate"))
-    return name.endswith("_rate") and name in record.generated_rows and getattr(control, "knots", None) is None
+def _known_to_costates(record: Any) -> Iterator[str]:
+    """Names of the rows that make states follow their equations, of what was stated at all times, and over knots."""
+    yield from (
+        f"{name}_{rows}" for name in record.names_of_states for rows in ("equation", "collocation", "continuity")
+    )
+    yield from (statement.name for statement in record.statements)
+    # Knots that the user has placed are the same on any mesh.
+    yield from (f"{name}_rate" for name in record.names(Control) if record.declarations[name].knots is not None)
 
 
 def _variables_at_points(phases: Sequence[Any]) -> tuple[set[int], dict[int, float]]:

@@ -13,6 +13,7 @@ from pyomo.dae import ContinuousSet, DerivativeVar
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.phases.variables import add_generated_rows
 from pyrobocop_pyomo.presentation import percent
 from pyrobocop_pyomo.studies.outcomes import Outcome
 from pyrobocop_pyomo.studies.sweep_cases import SweepCase
@@ -114,6 +115,13 @@ def with_bounds_of_a_derivative() -> Any:
     return m
 
 
+def with_generated_rows_of_a_new_kind() -> Any:
+    m = integrator()
+    rows = [(t, m.p.x[t] <= 0.1) for t in m.p.points]
+    add_generated_rows(m.p, "x_limit", m.p.points, rows)
+    return m
+
+
 def with_a_waypoint(time: float) -> Any:
     m = integrator()
     m.by = pyo.Constraint(expr=m.p.x.at(time) == 0.2)
@@ -130,6 +138,7 @@ def with_a_waypoint(time: float) -> Any:
         (lambda: with_a_waypoint(0.3), "t = 0.3, inside of elements"),
         (lambda: with_slack_at_points(0.1), "'soft'"),
         (with_bounds_of_a_derivative, "the derivative of 'x'"),
+        (with_generated_rows_of_a_new_kind, "'p.x_limit'"),
     ],
 )
 def test_what_is_stated_at_points_beside_the_phase_leaves_the_error_unknown(
