@@ -74,7 +74,7 @@ def label_measurements(
                 "it; or declare it as an Algebraic if equations determine it."
             )
     frame = _table(data, what)
-    names = list(measurable.given) or list(frame.columns)
+    names = measurable.given or list(frame.columns)
     errors = error if isinstance(error, Mapping) else dict.fromkeys(names, error)
     for given in (names, errors):
         if missing := [name for name in given if name not in frame.columns]:

@@ -368,7 +368,6 @@ def test_labels_hold_polynomials_at_the_times_of_the_data() -> None:
         ({"data": {"time": [1, 1], "c": [1, 1]}}, "the data of 'c' have a time twice"),
         ({"data": {"time": [1, 3], "c": [1, 1]}}, "measured at t = 3; the phase runs from 0 to 2"),
         ({"outputs": ["flow"]}, "there are no data of 'flow', but of c"),
-        ({"outputs": ["d"]}, "the output 'd' is no state"),
         ({"outputs": {"c": lambda b, t: 1.0}}, "the rule of the output 'c' returned 1.0"),
         ({"outputs": {"c": lambda b, t: b.nothing[t]}}, "the rule of the output 'c' cannot be asked at t = 0.1"),
         ({"outputs": 3}, "outputs is 3"),
