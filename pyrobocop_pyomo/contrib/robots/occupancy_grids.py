@@ -128,11 +128,9 @@ def _read_origin(origin: Any, dimension: int, name: str) -> tuple[np.ndarray, np
 def _boxes(cells: np.ndarray) -> list[np.ndarray]:
     """Corners of boxes of occupied cells that cover all of them; they may overlap.
 
-    From a cell that is not covered, a box grows along one axis after the other, in every order of the axes. The one
-    with most cells that are not covered yet is taken.
+    From each cell that is not covered yet, a box grows along one axis after the other.
     """
     remaining = cells.copy()
-    orders = list(itertools.permutations(range(cells.ndim)))
     flat, first = remaining.ravel(), 0
     boxes: list[np.ndarray] = []
     while True:
@@ -140,20 +138,15 @@ def _boxes(cells: np.ndarray) -> list[np.ndarray]:
         if not flat[first]:
             return boxes
         seed = np.array(np.unravel_index(first, cells.shape)).tolist()
-        box = max((_grown(cells, seed, order) for order in orders), key=lambda box: int(remaining[box].sum()))
-        remaining[box] = False
+        box = [slice(place, place + 1) for place in seed]
+        for axis, place in enumerate(seed):
+            box[axis] = slice(None)
+            is_full = np.asarray(cells[tuple(box)].all(axis=tuple(np.delete(range(cells.ndim), axis).tolist())))
+            ends = [-1, *np.flatnonzero(~is_full).tolist(), len(is_full)]
+            k = bisect(ends, place)
+            box[axis] = slice(ends[k - 1] + 1, ends[k])
+        remaining[tuple(box)] = False
         boxes.append(np.array(list(itertools.product(*((side.start, side.stop) for side in box))), dtype=float))
-
-
-def _grown(cells: np.ndarray, seed: list[int], order: tuple[int, ...]) -> tuple[slice, ...]:
-    box = [slice(place, place + 1) for place in seed]
-    for axis in order:
-        box[axis] = slice(None)
-        is_full = np.asarray(cells[tuple(box)].all(axis=tuple(other for other in order if other != axis)))
-        ends = [-1, *np.flatnonzero(~is_full).tolist(), len(is_full)]
-        k = bisect(ends, seed[axis])
-        box[axis] = slice(ends[k - 1] + 1, ends[k])
-    return tuple(box)
 
 
 # -------------------------------------------------------------------------------------------------------------- joining
