@@ -31,8 +31,6 @@ from .least_squares import damped_least_squares
 
 # Random configurations: for the size of a coordinate, and for solutions of rows at one end of the phase.
 SAMPLES, CANDIDATES, MOST_ENDS = 64, 300, 8
-# First from afar, then to the last digits.
-DAMPINGS = 1e-2, 1e-8
 # Corners of unbounded shapes are that many times the size of the scene away.
 FAR = 1e3
 
@@ -386,10 +384,7 @@ class ConfigurationSpace:
         def residual(unknown: Array) -> Array:
             return rows.violations(whole(unknown))
 
-        found = points[:, free]
-        for damping in DAMPINGS:
-            found = damped_least_squares(residual, found, low[free], high[free], damping=damping)
-        found = whole(found)
+        found = whole(damped_least_squares(residual, points[:, free], low[free], high[free]))
         return found[rows.hold(found)]
 
 
