@@ -29,7 +29,7 @@ import pyrobocop_pyomo as rcp
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 
-from cart_pole_identification import NOMINAL, STATES, build, measured, record
+from cart_pole_identification import NOMINAL, STATES, build, label, measured, record
 
 DEVIATIONS = (1e-4, 1e-3, 1e-2, 5e-2)
 # Uniformly between these: mass of the pole in kg, stiffness of the walls in N/m.
@@ -45,7 +45,7 @@ def machine(number: int, elements: int) -> tuple[tuple[float, ...], dict[str, np
 
 def build_problem(elements: int) -> rcp.estimation.EstimationProblem:
     """The fit, with the data of the first machine in it."""
-    return rcp.estimation.EstimationProblem(build(elements), machine(0, elements)[1], error=1.0, outputs=STATES)
+    return rcp.estimation.EstimationProblem(label(build(elements), machine(0, elements)[1], 1.0))
 
 
 def put(problem: rcp.estimation.EstimationProblem, case: tuple[int, float, int], elements: int) -> None:
@@ -53,20 +53,20 @@ def put(problem: rcp.estimation.EstimationProblem, case: tuple[int, float, int],
     number, deviation, draw = case
     _, motion = machine(number, elements)
     data = measured(motion, deviation, (number, draw, round(1e6 * deviation)))
-    (experiment,) = problem.experiments.values()
-    phase = experiment.phase
+    phase = problem.experiments[0].motion
     for t, force in zip(phase.points, motion["force"], strict=True):
         phase.force[t].fix(force)
     for name in STATES:
         for t, value in zip(phase.points, data[name], strict=True):
             phase.component(name)[t].set_value(value)
-    problem.put({name: data[name] for name in STATES}, error=deviation or 1.0)
+    problem.put(np.concatenate([data[name] for name in STATES]), error=deviation or 1.0)
 
 
 def read(problem: rcp.estimation.EstimationProblem, result: rcp.SolveResult) -> dict[str, object]:
     """Estimates, and their intervals."""
     found = rcp.estimation.statistics_of(problem)
-    return {**dict(zip(NOMINAL, found.estimates, strict=True)), "intervals": found.intervals(0.95).ravel()}
+    intervals = found.to_pandas()[["lower", "upper"]]
+    return {**dict(zip(NOMINAL, found.estimates, strict=True)), "intervals": intervals.to_numpy().ravel()}
 
 
 def fit(machines: int, deviations: tuple[float, ...], draws: int, elements: int, workers: int, file: str | None):

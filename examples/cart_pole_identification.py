@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 import pyomo.environ as pyo
@@ -86,24 +87,38 @@ def measured(data: dict[str, np.ndarray], deviation: float, seed: int | Sequence
     }
 
 
+def label(m: pyo.ConcreteModel, data: dict[str, np.ndarray], deviation: float) -> pyo.ConcreteModel:
+    """Apply the force, start from what was measured (at the guess the open-loop motion runs away), label the states."""
+    m.motion.initialize({name: partial(np.interp, xp=data["time"], fp=data[name]) for name in (*STATES, "force")})
+    m.motion.force.fix()
+    return rcp.label_measurements(m, m.motion, data, outputs=STATES, error=deviation)
+
+
 def identify(
     deviation: float = 1e-2, elements: int = 200, substeps: int = 1, **options
 ) -> tuple[pyo.ConcreteModel, rcp.SolveResult]:
     """Estimate the parameters, print what was found, and return the fitted model."""
     data = measured(record(elements=elements, substeps=substeps), deviation)
-    # What is measured says whether the guess is any good; at the guess itself the open-loop motion runs away.
-    m = build(elements)
-    found = rcp.estimate(m, data, error=deviation, unidentifiable="ignore", **options)
+    m = label(build(elements), data, deviation)
+    found = rcp.estimate(m, **options)
     print(found)
     for name, true in zip(NOMINAL, TRUE, strict=True):
-        print(f"{name}: {found.estimates[name] / true - 1:+.1e} relative to the truth")
+        print(f"{name}: {found.estimates[f'motion.{name}'] / true - 1:+.1e} relative to the truth")
     m.found, m.title = found, f"errors of {deviation:g}, data of {substeps} steps per step of the model"
     return m, found.result
 
 
 def draw(figure, m: pyo.ConcreteModel) -> None:
     """Measurements and the fitted motion."""
-    m.found.plot(figure)
+    motion = m.motion.trajectory()
+    axes = figure.subplots(len(STATES), sharex=True)
+    by_output = m.found.residuals.groupby("output", sort=False)
+    for axis, name, (_, rows) in zip(axes, STATES, by_output, strict=True):
+        axis.plot(motion.time, motion[name], linewidth=1.4)
+        axis.plot(rows["time"], rows["measured"], "C1.", markersize=4, alpha=0.6)
+        axis.set_ylabel(name)
+        axis.grid(alpha=0.3)
+    axes[-1].set_xlabel("time")
     figure.suptitle(m.title)
 
 

@@ -75,17 +75,7 @@ class FunctionError(ModelError):
 
 
 class EstimationError(ModelError):
-    """Data, outputs or parameters of an estimation that do not fit together, or that measurements do not see.
-
-    Attributes
-    ----------
-    diagnosis : Diagnosis or None
-        What is not seen, as findings.
-    """
-
-    def __init__(self, message: str, diagnosis: object = None) -> None:
-        super().__init__(message)
-        self.diagnosis = diagnosis
+    """Data, outputs or labels of an estimation that do not fit together."""
 
 
 class KeywordError(ModelError, TypeError):

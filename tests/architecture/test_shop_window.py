@@ -40,7 +40,7 @@ PUBLIC = {
         BarrierPath Checkpoint Closing Engine ExecutorEngine Hub ProcessEngine Round
         SerialEngine Sova TargetedPenalties TeamHorizon TeamResult
     """,
-    "estimation": "DataSet EstimationProblem FitStatistics MovingHorizon statistics_of",
+    "estimation": "EstimationProblem EstimationResult MovingHorizon statistics_of",
     "ipopt": "Backend available_backends configure_ipopt_executable linear_solver_options",
     "mechanics": """
         AbsoluteValue CoulombFriction CoulombSlip HardWall SignalLaw SoftWall SquareSlider Step planar spatial

@@ -1,18 +1,17 @@
-"""Parameters from data: data sets, estimates with their uncertainty, and what measurements can say at all.
+"""Parameters from data, with pairs or without, and how sure they are.
 
-`rcp.estimate` is the way in; these are the types that it takes and gives, and `EstimationProblem`, which is the same
-problem with data that may be exchanged, for `rcp.sweep`. `MovingHorizon` estimates while measurements arrive.
+`rcp.label_measurements` states an experiment as `pyomo.contrib.parmest` reads it; `rcp.estimate` fits it, also with
+pairs, and parmest where there are none. `EstimationProblem` is the same fit with data that may be exchanged, for
+`rcp.sweep`. `MovingHorizon` estimates while measurements arrive.
 """
 
-from .data_sets import DataSet
-from .fit_statistics import FitStatistics, statistics_of
+from .estimate import EstimationResult, statistics_of
 from .moving_horizon import MovingHorizon
 from .problem import EstimationProblem
 
 __all__ = [
-    "DataSet",
     "EstimationProblem",
-    "FitStatistics",
+    "EstimationResult",
     "MovingHorizon",
     "statistics_of",
 ]

@@ -8,13 +8,15 @@ from typing import Any
 import numpy as np
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.suffix import Suffix
+from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.errors import EstimationError
-from pyrobocop_pyomo.phases import Parameter
+from pyrobocop_pyomo.optional_imports import pandas
+from pyrobocop_pyomo.phases import Control, Parameter
 
-from .data_sets import DataSet
-from .experiments import variables_named
 from .outputs import PhaseOutputs
+
+LABELS = ("experiment_outputs", "measurement_error", "unknown_parameters")
 
 
 def label_measurements(
@@ -22,13 +24,13 @@ def label_measurements(
     phase: Any,
     data: Any,
     *,
-    outputs: Sequence[str] | None = None,
+    outputs: Any = None,
     error: float | Mapping[str, float] | None = None,
-    unknown: Sequence[str] | None = None,
+    unknown: Sequence[Any] | None = None,
 ) -> Any:
     """Label a model with measurements of one of its phases: the last step of an experiment's ``get_labeled_model``.
 
-    Called for several phases of a model, it adds to the labels.
+    Called again, for other outputs or another phase of the model, it adds to the labels.
 
     Makes the suffixes ``experiment_outputs``, ``measurement_error`` and ``unknown_parameters`` on the model, and on the
     phase an expression ``<name>_measured[time]`` per output: the scheme's polynomial at the times of the data,
@@ -37,18 +39,22 @@ def label_measurements(
     Parameters
     ----------
     model : ConcreteModel
-        Where parmest looks for the suffixes.
+        Where `estimate` and parmest look for the suffixes.
     phase : PhaseBlock
-        With a fixed start and duration. Times of the data are those of the phase.
-    data : DataFrame or dict of str to array
-        A frame has the times as its index, a dict under the key ``"time"``. Several outputs share the times, as parmest
-        expects.
-    outputs : sequence of str, optional
-        What was measured, as for `estimate`; everything in the data by default.
-    error : number or dict of str to number, optional
-        Standard deviation of the measurements; unknown to parmest by default.
-    unknown : sequence of str, optional
-        Parameters of the phase to estimate; all of them by default. One that a link shares is named for one phase only.
+        With a fixed start and duration, and controls that are fixed at what was applied. Times of the data are those of
+        the phase.
+    data : DataFrame or mapping
+        A frame has the times as its index. Of a mapping pandas makes a frame: the times are under ``"time"``, or each
+        output is a Series with times of its own. NaN stands for what is missing; `estimate` knows what to do with it,
+        parmest expects all outputs at each time.
+    outputs : list of str, or mapping of str to rule or to name of an Expression, optional
+        What was measured: states, algebraics, controls, Expressions indexed by the times of the phase, or rules
+        ``rule(phase, t)``; by default all columns of the data.
+    error : number or mapping of output to number, optional
+        Standard deviation of the measurements; not known by default.
+    unknown : list of str or Var, optional
+        What is to be estimated: names of parameters or variables, such as values at the start. All free parameters of
+        the phase by default. Equations of the model say what the others are, or they are fixed.
 
     Returns
     -------
@@ -58,32 +64,82 @@ def label_measurements(
     Raises
     ------
     EstimationError
-        When names, times or values do not fit, or an output of the phase is labelled already.
+        When names, times or values do not fit, a control is free, or an output of the phase is labelled already.
     """
     what, measurable = f"phase '{phase.name}'", PhaseOutputs(phase, outputs)
-    measured = DataSet(data, error, name=phase.name)
-    names = list(measurable.given) or list(measured.series)
-    unknown = phase.record.names(Parameter) if unknown is None else unknown
-    parameters = variables_named(model, phase, unknown, what)
-    samples, predicted = measured.samples(names), {}
+    for name in phase.record.names(Control):
+        if not all(variable.fixed for variable in phase.record.nodes(name).variables(phase)):
+            raise EstimationError(
+                f"{what}: nothing says what the control '{name}' was. Give it its values by initialize(), and fix() "
+                "it; or declare it as an Algebraic if equations determine it."
+            )
+    frame = _table(data, what)
+    names = measurable.given or list(frame.columns)
+    errors = error if isinstance(error, Mapping) else dict.fromkeys(names, error)
+    for given in (names, errors):
+        if missing := [name for name in given if name not in frame.columns]:
+            raise EstimationError(f"{what}: there are no data of '{missing[0]}', but of {', '.join(frame.columns)}.")
+    deviations = {name: _deviation(errors.get(name), f"{what}: the error of '{name}'") for name in names}
+    if unknown is None:
+        declared = [each for name in phase.record.names(Parameter) for each in phase.component(name).values()]
+        variables = [variable for variable in declared if not variable.fixed]
+    else:
+        variables = [variable for each in unknown for variable in _variables_named(model, phase, each, what)]
+    predicted = {}
     for name in names:
         if phase.component(f"{name}_measured") is not None:
             raise EstimationError(f"{what}: '{name}' is labelled already; label a model that is freshly built.")
-        times, values, _ = samples[name].T if name in samples else np.full((3, 1), np.nan)
-        if not np.isfinite(values).all() or len(np.unique(times)) != len(times):
+        times = frame[name].dropna().index.tolist()
+        if len(set(times)) != len(times):
             raise EstimationError(
-                f"{what}: the data of '{name}' are missing or have a time twice; parmest takes a number at each time. "
-                "Give repeated measurements as experiments."
+                f"{what}: the data of '{name}' have a time twice; a model has one value at each time. Give repeated "
+                "measurements as experiments."
             )
-        predicted[name] = Expression(times.tolist(), initialize={t: measurable.at(name, t) for t in times.tolist()})
-    for suffix in ("experiment_outputs", "measurement_error", "unknown_parameters"):
-        if model.component(suffix) is None:  # another phase may have been labelled
-            model.add_component(suffix, Suffix(direction=Suffix.LOCAL))
+        predicted[name] = Expression(times, initialize={t: measurable.at(name, t) for t in times})
+    for label in LABELS:
+        if model.component(label) is None:
+            model.add_component(label, Suffix(direction=Suffix.LOCAL))
     for name, expressions in predicted.items():
         phase.add_component(f"{name}_measured", expressions)
-        for time, number, deviation in samples[name].tolist():
+        for time, number in frame[name].dropna().items():
             model.experiment_outputs[expressions[time]] = number
-            model.measurement_error[expressions[time]] = None if np.isnan(deviation) else deviation
-    for variable in parameters.values():
-        model.unknown_parameters[variable] = variable.value
+            model.measurement_error[expressions[time]] = deviations[name]
+    model.unknown_parameters.update((variable, variable.value) for variable in variables)
     return model
+
+
+def _table(data: Any, what: str) -> Any:
+    """The data as a frame with the times as its index."""
+    try:
+        frame = pandas.DataFrame(data)
+        if "time" in frame:
+            frame = frame.set_index("time")
+        elif not hasattr(data, "columns") and not all(isinstance(each, pandas.Series) for each in data.values()):
+            raise ValueError("there are no times; give the key 'time', or each output as a Series")
+        frame = frame.astype(float).set_axis(frame.index.astype(float))
+    except (AttributeError, TypeError, ValueError) as error:
+        raise EstimationError(
+            f"{what}: expected a data frame with the times as its index, or a mapping from 'time' and outputs to "
+            f"numbers: {error}."
+        ) from None
+    bad = ~np.isfinite(frame.index) | np.isinf(frame).any(axis=1)
+    if bad.any():
+        raise EstimationError(f"{what}: the data are infinite at t = {frame.index[bad][0]:g}; a missing value is NaN.")
+    return frame
+
+
+def _deviation(given: Any, label: str) -> float | None:
+    if given is not None and not (isinstance(given, (int, float)) and 0.0 < given < np.inf):
+        raise EstimationError(f"{label} is {given!r}; expected a standard deviation, a positive number.")
+    return given
+
+
+def _variables_named(model: Any, phase: Any, given: Any, what: str) -> list[Any]:
+    """The variables behind the name of a parameter of a phase, or of a variable of the model."""
+    name = getattr(given, "name", given)
+    component = phase.component(name)
+    component = model.find_component(name) if component is None else component
+    if component is None or component.ctype is not Var:
+        known = ", ".join(phase.record.names(Parameter))
+        raise EstimationError(f"{what}: there is no variable '{name}' to estimate; its parameters are {known}.")
+    return [*component.values()] if component.is_indexed() else [component]

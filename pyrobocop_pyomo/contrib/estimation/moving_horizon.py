@@ -111,7 +111,7 @@ class MovingHorizon:
         Controls that are disturbances: unknown, with mean zero and this standard deviation in each element. All other
         controls are inputs, given in each step.
     outputs : mapping of str to rule or to name of an Expression, optional
-        As for `estimate`.
+        As for `label_measurements`.
     elements_per_sample : int
         From one sample to the next.
     options : mapping, optional

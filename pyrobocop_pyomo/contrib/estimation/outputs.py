@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
-
-from pyomo.core.base.expression import Expression
 
 from pyrobocop_pyomo.errors import EstimationError
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
-from pyrobocop_pyomo.phases import Parameter
-from pyrobocop_pyomo.phases.nodes import Nodes, StageNodes, StateNodes
 from pyrobocop_pyomo.templates.slots import Item, NamedItem, Place, Slot
 from pyrobocop_pyomo.templates.template import Template
 
@@ -27,7 +23,7 @@ class PhaseOutputs:
 
     Attributes
     ----------
-    given : dict of str to rule or str
+    given : list of str
         Those that were asked for; empty where the data decide.
 
     Raises
@@ -46,12 +42,10 @@ class PhaseOutputs:
             raise EstimationError(
                 f"outputs is {outputs!r}; expected a list of names, or a mapping of names to rules or Expressions."
             )
-        names = outputs or ()
-        given = dict(names) if isinstance(names, Mapping) else {name: name for name in names}
-        self.given: dict[str, Any] = {name: Template(of) if callable(of) else of for name, of in given.items()}
-        for name, given in self.given.items():
-            if not callable(given):
-                self.at(name, phase.grid.mesh.boundaries[0])  # says what there is
+        self.given = list(outputs or ())
+        self._rules: dict[str, Any] = {}
+        for name, of in (outputs if isinstance(outputs, Mapping) else {}).items():
+            self._rules[name] = Template(of if callable(of) else self._rule_of(of))
 
     def at(self, name: str, time: float) -> Any:
         """The output at a time, as the polynomials of the scheme have it there.
@@ -68,43 +62,32 @@ class PhaseOutputs:
                 f"{self._what}: '{name}' was measured at t = {time:g}; the phase runs from {start:g} to {end:g}."
             )
         time = min(max(time, start), end)
-        given = self.given.get(name, name)
-        if callable(given):
-            return self._by_rule(name, given, time)
-        found = self.interpolated(given, time)
-        if found is None:
+        if name not in self._rules:
+            self._rules[name] = Template(self._rule_of(name))
+        return self._by_rule(name, self._rules[name], time)
+
+    def _rule_of(self, name: str) -> Callable[[Any, Any], Any]:
+        """What says a declared name or an indexed Expression at each time."""
+        component = self._phase.component(name)
+        if component is None or not component.is_indexed():
             known = [*self._phase.record.names_of_states, *self._phase.record.names_of_signals]
             raise EstimationError(
                 f"{self._what}: the output '{name}' is no state, algebraic or control, no Expression over its times, "
                 f"and no rule was given for it in outputs=. The phase has {', '.join(known)}."
             )
-        return found
-
-    def interpolated(self, name: str, time: float) -> Any:
-        """What the polynomials make of a declared name or an indexed Expression; None where there is none."""
-        found = self._values(name)
-        return None if found is None else sum(weight * found[1][i] for i, weight in found[0].weights_at(time))
-
-    def _values(self, name: str) -> tuple[Nodes, Sequence[Any]] | None:
-        """Where the values of a name are in time, and its variables or expressions there."""
-        record, component = self._phase.record, self._phase.component(name)
-        if name in record.declarations and not isinstance(record.declarations[name], Parameter):
-            nodes: Nodes = record.nodes(name)
-            return nodes, nodes.variables(self._phase)
-        if getattr(component, "ctype", None) is Expression and component.is_indexed():
-            for nodes in (StateNodes(name, record.grid), StageNodes(name, record.grid)):
-                if set(nodes.times) == set(component):
-                    return nodes, [component[t] for t in nodes.times]
-        return None
+        return lambda b, t: b.component(name)[t]
 
     def _at_time(self, slot: Slot, time: float) -> Any:
         """What the polynomials have in the place of what a rule reads."""
-        found = None
-        if isinstance(slot, Item) and slot.rest == (None,) and slot.component.parent_block() is self._phase:
-            found = self.interpolated(slot.component.local_name, time)
-        if found is None and isinstance(slot, NamedItem):
+        if isinstance(slot, NamedItem):
             return slot.formulas(EstimationError).at(lambda inner: self._at_time(inner, time))
-        return slot.on_model(Place(self._phase, time)) if found is None else found
+        if isinstance(slot, Item) and slot.rest == (None,) and slot.component.parent_block() is self._phase:
+            name, record = slot.component.local_name, self._phase.record
+            if name in record.declarations:
+                nodes = record.nodes(name)
+                variables = nodes.variables(self._phase)
+                return sum(weight * variables[i] for i, weight in nodes.weights_at(time))
+        return slot.on_model(Place(self._phase, time))
 
     def _by_rule(self, name: str, rule: Any, time: float) -> Any:
         formulas = rule.formulas(self._phase)
@@ -124,6 +107,6 @@ class PhaseOutputs:
         if strangers:
             raise EstimationError(
                 f"{self._what}: the rule of the output '{name}' reads '{strangers[0]}' of another model. Let it read "
-                "variables through its first argument, since each data set has a model of its own."
+                "variables through its first argument, since models are copied."
             )
         return found

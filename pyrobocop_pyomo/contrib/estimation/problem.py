@@ -1,54 +1,27 @@
-"""`EstimationProblem`: several experiments as one model with a sum of squares, whose data may be exchanged."""
+"""`EstimationProblem`: labelled experiments as one model with a sum of squares, whose data may be exchanged."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from pyomo.common.collections import ComponentMap
 from pyomo.common.gc_manager import PauseGC
-from pyomo.common.modeling import unique_component_name
 from pyomo.core.base.block import BlockData
 from pyomo.core.base.constraint import ConstraintList
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.param import Param
 from pyomo.core.base.PyomoModel import ConcreteModel
 from pyomo.core.base.set import Reals
+from pyomo.core.base.suffix import Suffix
+from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import EstimationError
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.optional_imports import pandas, parmest_models
 
-from .data_sets import as_data_sets
-from .experiments import Experiment, labelled_experiment, phase_experiment
 from .output_sensitivities import OutputSensitivities
-
-
-@dataclass(frozen=True, eq=False)
-class EstimatedNumber:
-    """A number that is estimated.
-
-    Attributes
-    ----------
-    name : str
-        Of a parameter; with the data set behind it, where each has its own.
-    variable : VarData
-        Of the first experiment that has it.
-    copies : tuple of VarData
-        Of the others, held equal to it.
-    """
-
-    name: str
-    variable: Any
-    copies: tuple[Any, ...] = ()
-
-    def put(self, number: float) -> None:
-        """Set the value, also where it is fixed."""
-        for variable in (self.variable, *self.copies):
-            variable.set_value(number, skip_validation=True)
 
 
 class EstimationProblem:
@@ -56,106 +29,74 @@ class EstimationProblem:
 
     Parameters
     ----------
-    model, data, parameters, own, outputs, phase, error, initial
-        As for `estimate`.
+    experiments : labelled model, object with ``get_labeled_model()``, or a list of them
+        As for `estimate`. The models are copied, and their objectives do not count.
 
     Attributes
     ----------
     model : ConcreteModel
         All experiments, with one objective: a sum of weighted squares. What was measured, and the weights, are mutable
         Params on it; so it can be given to `sweep`.
-    experiments : dict of str to Experiment
-        By the name of the data set.
-    measurements : list of Measurement
-        Of all experiments.
-    unknowns : list of EstimatedNumber
-    measured : array, shape (measurements,)
-        NaN where it is missing.
-    deviations : array, shape (measurements,)
-        Standard deviations; NaN where they are not known.
+    experiments : list of Block
+        The copies, which are blocks of the model.
+    unknowns : dict of str to list of VarData
+        What is estimated, by the name that the experiments have for it; those of several experiments are held equal.
+    data : DataFrame
+        A row for each measurement: experiment, output, time (NaN where it has none), measured (NaN where it is
+        missing), and deviation, its standard deviation (NaN where it is not known).
     weights : array, shape (measurements,)
         Of the squared residuals: over the variance where it is known; zero where nothing was measured.
-    scales : dict of str to float
-        Range of the data of each output.
+    ranges : Series
+        Of the data of each output.
 
     Raises
     ------
     EstimationError
-        When model, data, outputs or parameters do not fit.
+        When there are no labels, or they make no sense.
     """
 
-    def __init__(
-        self,
-        model: Any,
-        data: Any = None,
-        *,
-        parameters: Sequence[str] | None = None,
-        own: Sequence[str] = (),
-        outputs: Any = None,
-        phase: Any = None,
-        error: Any = None,
-        initial: str | Sequence[str] = "known",
-    ) -> None:
-        if isinstance(parameters, str) or isinstance(own, str):
-            raise EstimationError("parameters and own are lists of names; write ['mass'] for a single one.")
+    def __init__(self, experiments: Any) -> None:
+        given = experiments if isinstance(experiments, (list, tuple)) else [experiments]
+        if not given:
+            raise EstimationError("there are no experiments.")
         with PauseGC():
-            if data is None:
-                given = enumerate(model if isinstance(model, (list, tuple)) else [model], start=1)
-                listed = [labelled_experiment(_copy_of(each), f"set {i}", parameters, error) for i, each in given]
-            else:
-                further = (parameters, error, outputs, phase, initial)
-                listed = [phase_experiment(_copy_of(model), each, *further) for each in as_data_sets(data)]
-            if not listed:
-                raise EstimationError("there are no experiments.")
-            self.experiments: dict[str, Experiment] = {each.name: each for each in listed}
-            self.measurements = [each for experiment in listed for each in experiment.measurements]
-            self.unknowns = _unknowns(listed, own)
-            self.model = self._stated(listed)
-        self.deviations = np.array([each.deviation for each in self.measurements])
-        self._set_data(np.array([each.measured for each in self.measurements]))
-        unknowns = [unknown.variable for unknown in self.unknowns]
-        self.sensitivities = OutputSensitivities(self.model, [each.predicted for each in self.measurements], unknowns)
+            self.experiments = [_labelled_copy(each) for each in given]
+            self.unknowns: dict[str, list[Any]] = {}
+            for model in self.experiments:
+                for variable in _unknowns_of(model):
+                    self.unknowns.setdefault(variable.name, []).append(variable)
+            measured = [row for number, each in enumerate(self.experiments, start=1) for row in _rows(each, number)]
+            self._predicted = [component for component, *_ in measured]
+            columns = ["experiment", "output", "time", "measured", "deviation"]
+            self.data = pandas.DataFrame([row for _, *row in measured], columns=columns)
+            self.model = self._stated()
+        self.put(self.data["measured"])
+        self.sensitivities = OutputSensitivities(self.model, self._predicted, self.variables)
 
-    def _stated(self, listed: list[Experiment]) -> ConcreteModel:
+    def _stated(self) -> ConcreteModel:
         m = ConcreteModel(name="estimation")
-        for experiment in listed:
-            name = unique_component_name(m, re.sub(r"\W", "_", experiment.name))
-            m.add_component(name, experiment.model)  # as it is: rules hold on to their model
+        for number, experiment in enumerate(self.experiments, start=1):
+            m.add_component(f"experiment_{number}", experiment)
         m.shared = ConstraintList()
-        for unknown in self.unknowns:
-            for copy in unknown.copies:
-                copy.set_value(unknown.variable.value, skip_validation=True)
-                m.shared.add(copy == unknown.variable)
-        numbers = range(len(self.measurements))
+        for first, *others in self.unknowns.values():
+            for other in others:
+                other.set_value(first.value, skip_validation=True)
+                m.shared.add(other == first)
+        numbers = range(len(self._predicted))
         m.measured = Param(numbers, initialize=0.0, mutable=True, within=Reals)
         m.weight = Param(numbers, initialize=0.0, mutable=True, within=Reals)
-        squares = (m.weight[i] * (each.predicted - m.measured[i]) ** 2 for i, each in enumerate(self.measurements))
+        squares = (m.weight[i] * (each - m.measured[i]) ** 2 for i, each in enumerate(self._predicted))
         m.squares = Objective(expr=sum(squares))
         return m
 
-    @contextmanager
-    def simulated(self) -> Iterator[None]:
-        """Context in which the unknowns are fixed where they are and the data do not count: equations remain."""
-        weights = self.model.weight.extract_values()
-        try:
-            for unknown in self.unknowns:
-                unknown.variable.fix()
-            # Not by deactivating the objective: an unknown that is in an output alone would be in nothing at all.
-            self.model.weight.store_values(0.0)
-            yield
-        finally:
-            self.model.weight.store_values(weights)
-            for unknown in self.unknowns:
-                unknown.variable.unfix()
-
-    def put(self, measured: Mapping[Any, Any], error: float | Mapping[str, float] | None = None) -> None:
+    def put(self, measured: Any, error: Any = None) -> None:
         """Exchange what was measured; times stay as they are.
 
         Parameters
         ----------
-        measured : mapping of output (or of data set and output) to array
-            In the order of its samples; NaN where one is missing, also for outputs that are left out.
-        error : number or mapping of output to number, optional
+        measured : array, shape (measurements,)
+            In the order of `data`; NaN where one is missing.
+        error : number or array, shape (measurements,), optional
             Standard deviations, where they are other ones as well.
 
         Raises
@@ -163,92 +104,84 @@ class EstimationProblem:
         EstimationError
             When there are more or fewer numbers than before, or none.
         """
+        if len(measured) != len(self.data):
+            raise EstimationError(f"{len(measured)} measurements were given; the problem has {len(self.data)}.")
+        self.data["measured"] = np.asarray(measured, dtype=float)
         if error is not None:
-            given = error if isinstance(error, Mapping) else dict.fromkeys(self.outputs, error)
-            self.deviations = np.array([float(given[each.output]) for each in self.measurements])
-        numbers = np.full(len(self.measurements), np.nan)
-        for key, samples in measured.items():
-            places = [i for i, name in enumerate(self.output_of) if key in (name, name[1])]
-            if not places or np.shape(samples) != (len(places),):
-                raise EstimationError(
-                    f"{key!r}: {np.size(samples)} measurements were given; the problem has {len(places)} of it."
-                )
-            numbers[places] = samples
-        self._set_data(numbers)
-
-    def _set_data(self, measured: Array) -> None:
-        present, known = np.isfinite(measured), np.isfinite(self.deviations)
+            self.data["deviation"] = error
+        present, known = self.data["measured"].notna().to_numpy(), self.data["deviation"].notna()
         if not present.any():
             raise EstimationError("there is no number among the measurements.")
         if known.any() and not known.all():
-            unknown = self.measurements[int(known.argmin())]
             raise EstimationError(
-                f"data set '{unknown.data_set}': the error of '{unknown.output}' is not given, but those of others "
-                "are. Give all standard deviations, or none."
+                f"the error of '{self.data['output'][known.idxmin()]}' is not given, but those of others are. Give all "
+                "standard deviations, or none."
             )
-        self.measured, self.weights = measured, np.where(present, 1.0 if not known.any() else self.deviations**-2, 0.0)
-        self.scales, outputs = dict.fromkeys(self.outputs, 1.0), np.array([name for _, name in self.output_of])
-        for output in self.outputs:
-            numbers = measured[(outputs == output) & present]
-            if numbers.size:
-                self.scales[output] = float(np.ptp(numbers)) or max(1.0, float(np.abs(numbers).max()))
+        weights = (1.0 / self.data["deviation"] ** 2).fillna(1.0).to_numpy()
+        self.weights = np.where(present, weights, 0.0)
+        by_output = self.data.groupby("output", sort=False)["measured"]
+        self.ranges = (by_output.max() - by_output.min()).replace(0.0, np.nan)
+        self.ranges = self.ranges.fillna(by_output.max().abs().clip(lower=1.0)).fillna(1.0)
         # A common factor makes the objective the number of data where nothing is explained: so a solver's tolerances
         # mean the same whatever the units, and however small the errors.
-        spread = np.array([self.scales[output] for output in outputs.tolist()])
-        self.factor = float(present.sum()) / max(float((self.weights * (spread / 4) ** 2).sum()), 1e-300)
-        self.model.measured.store_values(dict(enumerate(np.where(present, measured, 0.0).tolist())))
-        self.model.weight.store_values(dict(enumerate((self.weights * self.factor).tolist())))
+        spread = self.data["output"].map(self.ranges).to_numpy()
+        factor = float(present.sum()) / max(float((self.weights * (spread / 4) ** 2).sum()), 1e-300)
+        self.model.measured.store_values(self.data["measured"].fillna(0.0).to_dict())
+        self.model.weight.store_values(dict(enumerate((self.weights * factor).tolist())))
 
     @property
-    def outputs(self) -> list[str]:
-        """Names of all that was measured."""
-        return list(dict.fromkeys(each.output for each in self.measurements))
-
-    @property
-    def names(self) -> list[str]:
-        """Names of the unknowns."""
-        return [unknown.name for unknown in self.unknowns]
-
-    @property
-    def output_of(self) -> list[tuple[str, str]]:
-        """Data set and output of each measurement."""
-        return [(each.data_set, each.output) for each in self.measurements]
-
-    def estimates(self) -> Array:
-        """Values of the unknowns now."""
-        return np.array([unknown.variable.value for unknown in self.unknowns], dtype=float)
+    def variables(self) -> list[Any]:
+        """One variable for each unknown."""
+        return [first for first, *_ in self.unknowns.values()]
 
     def predictions(self) -> Array:
         """What the model says of each measurement now, whether it is missing or not; shape (measurements,)."""
-        return np.array([float(value(each.predicted)) for each in self.measurements])
+        return np.array([float(value(each)) for each in self._predicted])
 
 
-def _copy_of(given: Any) -> Any:
-    """A copy of a model, or of the labelled model that an object with ``get_labeled_model`` makes."""
+def _labelled_copy(given: Any) -> Any:
+    """A copy of a labelled model, or of the one that an object makes, with unknown Params as variables."""
     model = given.get_labeled_model() if hasattr(given, "get_labeled_model") else given
     if not isinstance(model, BlockData) or not model.is_constructed():
         raise EstimationError(
-            f"expected a model, found {type(model).__name__}. Where data sets need models of their own, label each "
-            "with its data by rcp.label_measurements, and give a list of them without data."
+            f"expected a labelled model, or an experiment that makes one; found {type(model).__name__}."
         )
-    return model.clone()
+    for label in ("experiment_outputs", "unknown_parameters"):
+        suffix = model.component(label)
+        if suffix is None or suffix.ctype is not Suffix or not len(suffix):
+            raise EstimationError(
+                f"the model '{model.name}' has no suffix '{label}' with entries. rcp.label_measurements makes it for "
+                "a phase."
+            )
+    params = [component.name for component in model.unknown_parameters if component.ctype is not Var]
+    copy = parmest_models.convert_params_to_vars(model, params, fix_vars=False) if params else model.clone()
+    for objective in copy.component_data_objects(Objective, active=True):
+        objective.deactivate()
+    return copy
 
 
-def _unknowns(listed: list[Experiment], own: Sequence[str]) -> list[EstimatedNumber]:
-    names = list(dict.fromkeys(name for experiment in listed for name in experiment.parameters))
-    whole = [name.partition("[")[0] for name in names]
-    for name in own:
-        if name not in (*names, *whole):
-            raise EstimationError(f"own names '{name}', which is not estimated; estimated are {', '.join(names)}.")
-    found, alone = [], len(listed) == 1
-    for name in names:
-        variables = {each.name: each.parameters[name] for each in listed if name in each.parameters}
-        if not alone and (name in own or name.partition("[")[0] in own):
-            found += [EstimatedNumber(f"{name} ({where})", variable) for where, variable in variables.items()]
-        else:
-            first, *copies = variables.values()
-            found.append(EstimatedNumber(name, first, tuple(copies)))
-    for experiment in listed:
-        where = "" if alone else f" ({experiment.name})"
-        found += [EstimatedNumber(f"{state} at start{where}", each) for state, each in experiment.starts.items()]
+def _unknowns_of(model: Any) -> list[Any]:
+    """The variables that are labelled as unknown, freed."""
+    found: list[Any] = []
+    for component in model.unknown_parameters:
+        found += component.values() if component.is_indexed() else [component]
+    for variable in found:
+        if variable.value is None:
+            raise EstimationError(f"'{variable.name}': has no value to start from. Give it an initial guess.")
+        variable.unfix()
     return found
+
+
+def _rows(model: Any, number: int) -> list[tuple[Any, ...]]:
+    """Each labelled output with its row of the data."""
+    errors, rows = model.component("measurement_error") or ComponentMap(), []
+    for component, measured in model.experiment_outputs.items():
+        index, output, time = component.index(), component.name, np.nan
+        if isinstance(index, (int, float)) and not isinstance(index, bool):  # one number is taken for the time
+            output, time = component.parent_component().name, float(index)
+        deviation = errors.get(component)
+        if deviation is not None and not float(deviation) > 0.0:
+            raise EstimationError(f"the measurement_error of '{component.name}' is {deviation!r}, not positive.")
+        numbers = (np.nan if each is None else float(value(each)) for each in (measured, deviation))
+        rows.append((component, number, output, time, *numbers))
+    return rows

@@ -6,7 +6,7 @@ it moves the corners of the shapes: metres of one joint count as metres of anoth
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +18,7 @@ from pyrobocop_pyomo.errors import InitialGuessError
 from pyrobocop_pyomo.geometry.distance import TOUCHING
 from pyrobocop_pyomo.geometry.nearest_points import nearest_differences
 from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
+from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS
 from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Array, BoolArray
@@ -26,13 +27,10 @@ from pyrobocop_pyomo.obstacles.avoidance_block import ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.obstacles.rerouting import InnerAndOuterBall
 from pyrobocop_pyomo.obstacles.scene import ConvexPart
 
-from .inverse_dynamics import columns_of, names_read
 from .least_squares import damped_least_squares
 
 # Random configurations: for the size of a coordinate, and for solutions of rows at one end of the phase.
 SAMPLES, CANDIDATES, MOST_ENDS = 64, 300, 8
-# First from afar, then to the last digits.
-DAMPINGS = 1e-2, 1e-8
 # Corners of unbounded shapes are that many times the size of the scene away.
 FAR = 1e3
 
@@ -386,14 +384,28 @@ class ConfigurationSpace:
         def residual(unknown: Array) -> Array:
             return rows.violations(whole(unknown))
 
-        found = points[:, free]
-        for damping in DAMPINGS:
-            found = damped_least_squares(residual, found, low[free], high[free], damping=damping)
-        found = whole(found)
+        found = whole(damped_least_squares(residual, points[:, free], low[free], high[free]))
         return found[rows.hold(found)]
+
+
+def names_read(expressions: Sequence[Any], variables: Mapping[str, Any]) -> list[str]:
+    """Names of the variables that expressions read, in the order of the variables."""
+    read = {
+        id(variable)
+        for expression in expressions
+        if hasattr(expression, "is_expression_type")
+        for variable in variables_in(expression, include_fixed=True)
+    }
+    return [name for name, variable in variables.items() if id(variable) in read]
 
 
 def _columns_of(expressions: Sequence[Any], variables: Sequence[Any]) -> Callable[[Array], Array]:
     """Expressions as a function of points (k, n) that gives their values, (k, m)."""
     steps = ExpressionSteps(expressions)
     return lambda points: columns_of(steps, dict(zip(map(id, variables), points.T, strict=True)), len(points))
+
+
+def columns_of(steps: ExpressionSteps, leaves: Mapping[int, Array], count: int) -> Array:
+    """Values of expressions, ``(count, expressions)``, from those of their variables, ``(count,)``, by identity."""
+    values = steps.evaluate_at(leaves, ARRAY_FUNCTIONS)
+    return np.array([np.broadcast_to(each, count) for each in values], dtype=float).reshape(-1, count).T

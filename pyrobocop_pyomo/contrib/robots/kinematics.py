@@ -16,7 +16,6 @@ from pyrobocop_pyomo.numerics.rounding import ROUNDING
 
 TURNING = ("revolute", "continuous")
 WITH_ONE_COORDINATE = (*TURNING, "prismatic")
-WITH_A_POSE = ("floating", "planar")
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,12 +53,10 @@ class Joint:
         return self.name if self.mimics is None else self.mimics[0]
 
     def pose(self, coordinate: Any) -> Pose:
-        """Pose of the child in the frame of the parent; a joint without one coordinate is given the pose itself."""
+        """Pose of the child in the frame of the parent."""
         fixed = constant_pose(self.origin)
         if not self.moves:
             return fixed
-        if self.kind in WITH_A_POSE:
-            return fixed @ coordinate
         if self.kind == "prismatic":
             return fixed @ Pose(Pose.identity(3).rotation, tuple(dot((float(a),), (coordinate,)) for a in self.axis))
         return fixed @ _turn_about(self.axis, coordinate)
@@ -110,7 +107,7 @@ class KinematicTree:
         return found[::-1]
 
     def pose(self, link: str, coordinate_of: Callable[[str], Any], base: Pose) -> Pose:
-        """Pose of a link in the world, from the coordinate (number, expression, pose) by the name of a joint."""
+        """Pose of a link in the world, from the coordinate (number, expression) by the name of a joint."""
         pose = base
         for joint in self.chain(link):
             coordinate: Any = coordinate_of(joint.leader) if joint.moves else None

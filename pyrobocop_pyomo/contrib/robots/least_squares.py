@@ -7,14 +7,13 @@ from collections.abc import Callable
 import numpy as np
 
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
 # Step of difference quotients, relative to the size of a quantity.
 DIFFERENCE = 1e-6
 
 
-def damped_least_squares(
-    residual: Callable[[Array], Array], start: Array, low: Array, high: Array, *, steps: int = 15, damping: float = 1e-9
-) -> Array:
+def damped_least_squares(residual: Callable[[Array], Array], start: Array, low: Array, high: Array) -> Array:
     """Minimise the squares of residuals in each row by damped Gauss-Newton steps, which end at the bounds.
 
     Parameters
@@ -24,9 +23,6 @@ def damped_least_squares(
     start : (k, n) array
     low, high : (n,) arrays
         May be infinite.
-    steps : int
-    damping : float
-        Relative to the squares of the slopes.
 
     Returns
     -------
@@ -34,7 +30,7 @@ def damped_least_squares(
     """
     values = np.clip(start, low, high)
     count = values.shape[1]
-    for _ in range(steps):
+    for _ in range(15):  # it converges in fewer, or not at all
         error = residual(values)
         columns = []
         for k in range(count):
@@ -45,7 +41,7 @@ def damped_least_squares(
         slopes = np.stack(columns, axis=2)
         gradient = np.einsum("kij,ki->kj", slopes, error)
         square = np.einsum("kij,kil->kjl", slopes, slopes)
-        weight = damping * (1.0 + np.einsum("kii->k", square))
+        weight = NEGLIGIBLE * (1.0 + np.einsum("kii->k", square))
         move = np.linalg.solve(square + weight[:, None, None] * np.eye(count), gradient[:, :, None])[:, :, 0]
         values = np.clip(values - move, low, high)
     return np.asarray(values, dtype=np.float64)

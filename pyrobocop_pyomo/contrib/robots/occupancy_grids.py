@@ -22,8 +22,8 @@ from .decomposition import joined
 
 logger = logging.getLogger(__name__)
 
-# Of 0 to 100, or of 0 to 1: what the map server of ROS takes for occupied.
-_OCCUPIED = 0.65
+# Of 100: what the map server of ROS takes for occupied.
+OCCUPIED = 65
 
 
 def cover_occupancy_grid(
@@ -43,9 +43,8 @@ def cover_occupancy_grid(
     Parameters
     ----------
     grid : array_like, shape (rows, columns), or (cells along x, along y, along z)
-        Booleans; whole numbers from 0 to 100 with -1 for unknown, as in ROS; whole numbers 0 and 1; or probabilities
-        with NaN for unknown; 65 of 100 and 0.65 of 1 are occupied. In the plane x grows with the column and y with the
-        row, as in ROS.
+        Booleans, or whole numbers from 0 to 100 with -1 for unknown, as in ROS; 65 is occupied. In the plane x grows
+        with the column and y with the row, as in ROS.
     resolution : float
         Length of the side of a cell.
     origin : (x, y), (x, y, yaw) or (x, y, z), optional
@@ -98,30 +97,18 @@ def _occupied_cells(grid: Any, unknown: str, name: str) -> np.ndarray:
         raise ObstacleError(f"'{name}': a grid of shape {given.shape}; expected two or three dimensions.{remedy}")
     if unknown not in ("occupied", "free"):
         raise ObstacleError(f"'{name}': unknown={unknown!r}; expected 'occupied' or 'free'.")
-    occupied = _occupied_values(given, unknown == "occupied", name)
+    occupied = given
+    if given.dtype != bool:
+        # Whole numbers 0 and 1 are rather a mask than one of a hundred.
+        numbers = np.issubdtype(given.dtype, np.number) and not np.iscomplexobj(given)
+        if not numbers or not np.isin(given, np.arange(-1, 101)).all() or given.max() == 1:
+            raise ObstacleError(
+                f"'{name}': expected booleans, or whole numbers from 0 to 100 with -1 for unknown. Of a picture, whose "
+                "first row is at the top and where dark is occupied, give the grid `picture[::-1] < 128`; of other "
+                "values, `grid >= least`."
+            )
+        occupied = np.where(given == -1, unknown == "occupied", given >= OCCUPIED)
     return occupied if given.ndim == 3 else np.ascontiguousarray(occupied.T)
-
-
-def _occupied_values(given: np.ndarray, unknown: bool, name: str) -> np.ndarray:
-    if given.dtype == bool:
-        return given
-    if not np.issubdtype(given.dtype, np.number) or np.iscomplexobj(given):
-        raise ObstacleError(f"'{name}': cells of type {given.dtype}; expected booleans or numbers.")
-    values = given.astype(float)
-    if np.isinf(values).any():
-        raise ObstacleError(f"'{name}': a cell is not finite. Mark unknown cells by NaN, or by -1.")
-    not_known = np.isnan(values) | (values == -1.0)
-    known = values[~not_known]
-    largest = known.max(initial=0.0)
-    if known.min(initial=0.0) < 0.0 or largest > 100.0 or (largest > 1.0 and (known != known.round()).any()):
-        raise ObstacleError(
-            f"'{name}': cells from {known.min():g} to {known.max():g}; expected booleans, 0 to 100 with -1 for "
-            "unknown, or probabilities. Of a picture, whose first row is at the top and where dark is occupied, give "
-            "the grid `picture[::-1] < 128`; of other values, `grid >= least`."
-        )
-    # Whole numbers 0 and 1 are a mask: one of a hundred would hardly be meant, and counts as occupied too.
-    least = 100.0 * _OCCUPIED if largest > 1.0 else _OCCUPIED
-    return np.where(not_known, unknown, np.nan_to_num(values) >= least)
 
 
 def _read_origin(origin: Any, dimension: int, name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -141,11 +128,9 @@ def _read_origin(origin: Any, dimension: int, name: str) -> tuple[np.ndarray, np
 def _boxes(cells: np.ndarray) -> list[np.ndarray]:
     """Corners of boxes of occupied cells that cover all of them; they may overlap.
 
-    From a cell that is not covered, a box grows along one axis after the other, in every order of the axes. The one
-    with most cells that are not covered yet is taken.
+    From each cell that is not covered yet, a box grows along one axis after the other.
     """
     remaining = cells.copy()
-    orders = list(itertools.permutations(range(cells.ndim)))
     flat, first = remaining.ravel(), 0
     boxes: list[np.ndarray] = []
     while True:
@@ -153,20 +138,15 @@ def _boxes(cells: np.ndarray) -> list[np.ndarray]:
         if not flat[first]:
             return boxes
         seed = np.array(np.unravel_index(first, cells.shape)).tolist()
-        box = max((_grown(cells, seed, order) for order in orders), key=lambda box: int(remaining[box].sum()))
-        remaining[box] = False
+        box = [slice(place, place + 1) for place in seed]
+        for axis, place in enumerate(seed):
+            box[axis] = slice(None)
+            is_full = np.asarray(cells[tuple(box)].all(axis=tuple(np.delete(range(cells.ndim), axis).tolist())))
+            ends = [-1, *np.flatnonzero(~is_full).tolist(), len(is_full)]
+            k = bisect(ends, place)
+            box[axis] = slice(ends[k - 1] + 1, ends[k])
+        remaining[tuple(box)] = False
         boxes.append(np.array(list(itertools.product(*((side.start, side.stop) for side in box))), dtype=float))
-
-
-def _grown(cells: np.ndarray, seed: list[int], order: tuple[int, ...]) -> tuple[slice, ...]:
-    box = [slice(place, place + 1) for place in seed]
-    for axis in order:
-        box[axis] = slice(None)
-        is_full = np.asarray(cells[tuple(box)].all(axis=tuple(other for other in order if other != axis)))
-        ends = [-1, *np.flatnonzero(~is_full).tolist(), len(is_full)]
-        k = bisect(ends, seed[axis])
-        box[axis] = slice(ends[k - 1] + 1, ends[k])
-    return tuple(box)
 
 
 # -------------------------------------------------------------------------------------------------------------- joining

@@ -96,14 +96,9 @@ class _Cover:
 
     def _is_near(self, points: np.ndarray) -> bool:
         """Whether the boundary of the hull is nowhere farther than the tolerance from a point of the cloud."""
-        simplices = _boundary(points)
-        for coarse in (4.0, 1.0):  # a sample that is too far decides; only what passes is sampled densely
-            step = coarse * _BETWEEN_SAMPLES * self.tolerance
-            limit = self.tolerance if coarse > 1.0 else self.tolerance - step
-            for simplex in simplices:
-                if self.tree.query(_samples(simplex, step))[0].max() > limit:
-                    return False
-        return True
+        step = _BETWEEN_SAMPLES * self.tolerance
+        samples = (_samples(simplex, step) for simplex in _boundary(points))
+        return all(self.tree.query(each)[0].max() <= self.tolerance - step for each in samples)
 
 
 def _boundary(points: np.ndarray) -> list[np.ndarray]:

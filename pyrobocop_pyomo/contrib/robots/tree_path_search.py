@@ -19,8 +19,6 @@ from pyrobocop_pyomo.numerics import Array
 
 AreClear = Callable[[Array], Array]
 
-# Points on a line that are looked at together: most lines are blocked early.
-AT_ONCE = 24
 # The longest branch, in diagonals of the box.
 LONGEST_BRANCH = 0.1
 
@@ -112,12 +110,8 @@ def clear_length(start: Array, end: Array, are_clear: AreClear, spacing: float) 
     """The share of a line that is clear from its start on, the start itself not looked at; 1 where all of it is."""
     count = max(int(np.ceil(np.linalg.norm(end - start) / spacing)), 1)
     shares = np.arange(1, count + 1) / count
-    for at in range(0, count, AT_ONCE):
-        part = shares[at : at + AT_ONCE]
-        clear = are_clear(start + part[:, None] * (end - start))
-        if not clear.all():
-            return (at + int(np.argmin(clear))) / count
-    return 1.0
+    clear = are_clear(start + shares[:, None] * (end - start))
+    return 1.0 if clear.all() else int(np.argmin(clear)) / count
 
 
 class _Tree:

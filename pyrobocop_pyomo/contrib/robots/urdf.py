@@ -21,7 +21,7 @@ from pyrobocop_pyomo.optional_imports import networkx, trimesh, yourdfpy
 from pyrobocop_pyomo.presentation import Presented
 
 from .decomposition import decompose
-from .kinematics import WITH_A_POSE, WITH_ONE_COORDINATE, Joint, KinematicTree, constant_pose
+from .kinematics import WITH_ONE_COORDINATE, Joint, KinematicTree, constant_pose
 
 logger = logging.getLogger(__name__)
 
@@ -48,22 +48,6 @@ class DescribedRobot(Presented):
     exclude: tuple[tuple[str, str], ...]
     limits: Mapping[str, tuple[float, float]]
     pose_rules: Mapping[str, Callable[[Any, Any], Pose]] = field(repr=False)
-    _tree: KinematicTree = field(repr=False)
-
-    def poses(self, coordinates: Mapping[str, Any], base: Pose | None = None) -> dict[str, Pose]:
-        """Poses of all links from coordinates (numbers, expressions, or poses) by the name of the joint.
-
-        Raises
-        ------
-        ObstacleError
-            Where the coordinate of a joint is missing.
-        """
-        joints = [joint for joint in self._tree.joints.values() if joint.moves]
-        missing = [joint.name for joint in joints if joint.leader not in coordinates]
-        if missing:
-            raise ObstacleError(f"robot '{self.name}': no coordinate of {', '.join(map(repr, missing))}.")
-        base = Pose.identity(3) if base is None else base
-        return {link: self._tree.pose(link, coordinates.__getitem__, base) for link in self.pose_rules}
 
     def _summary(self) -> str:
         return f"'{self.name}': {len(self.bodies)} bodies, {len(self.limits)} joints: {', '.join(self.limits)}"
@@ -86,8 +70,7 @@ def from_urdf(
     description : path, or text that begins with ``<``
     joints : mapping of name of a joint to rule, name or number
         The coordinate of each joint that moves, in radians or metres: ``rule(block, t)``, the name of a state such as
-        ``"q1"`` for ``block.q1[t]``, or a number. Floating and planar joints take a rule that returns a pose in
-        space, or a pose. Mimicking joints follow by themselves.
+        ``"q1"`` for ``block.q1[t]``, or a number. Mimicking joints follow by themselves.
     base : Pose or callable, optional
         Pose of the root link: constant, or ``rule(block, t)`` for a robot that drives or flies; the world's frame by
         default.
@@ -141,13 +124,9 @@ def from_urdf(
             bodies[name] = Body(shapes[name], pose_rules[name])
     if not bodies:
         raise ObstacleError(f"robot '{robot.name}': no link has collision geometry.")
-    limits = {
-        joint.name: joint.limits
-        for joint in tree.joints.values()
-        if joint.kind in WITH_ONE_COORDINATE and joint.mimics is None
-    }
+    limits = {joint.name: joint.limits for joint in tree.joints.values() if joint.moves and joint.mimics is None}
     exclude = _excluded(tree, list(bodies), _disabled(srdf))
-    return DescribedRobot(robot.name, bodies, exclude, limits, pose_rules, tree)
+    return DescribedRobot(robot.name, bodies, exclude, limits, pose_rules)
 
 
 def _read(description: str | Path) -> tuple[Any, Path]:
@@ -168,31 +147,29 @@ def _tree_of(robot: Any) -> KinematicTree:
         for link in (given.parent, given.child):
             if link not in names:
                 raise ObstacleError(f"joint '{given.name}' names the link '{link}', which does not exist.")
-        if given.child in joints:
-            raise ObstacleError(
-                f"link '{given.child}' is moved by '{joints[given.child].name}' and by '{given.name}': loops are not "
-                "supported. Cut the loop, and state its closing as a constraint."
-            )
         joints[given.child] = _joint(given)
-    roots = [name for name in names if name not in joints]
-    if len(roots) != 1:
-        raise ObstacleError(f"robot '{robot.name}' has the root links {roots}; expected one that no joint moves.")
-    tree = KinematicTree(roots[0], joints)
-    reached = networkx.DiGraph((joint.parent, link) for link, joint in joints.items())
-    reached.add_node(tree.root)
-    loose = set(joints) - networkx.descendants(reached, tree.root)
-    if loose:
-        raise ObstacleError(f"robot '{robot.name}': link '{min(loose)}' is in a loop of joints, or behind one.")
-    return tree
+    graph = networkx.MultiDiGraph((joint.parent, joint.child) for joint in robot.joints)
+    graph.add_nodes_from(names)
+    roots = [link for link, joints_above in graph.in_degree if joints_above == 0]
+    if not networkx.is_arborescence(graph):
+        several = [link for link, joints_above in graph.in_degree if joints_above > 1]
+        raise ObstacleError(
+            f"robot '{robot.name}': its joints are no tree with one root; no joint moves {roots}, and several move "
+            f"{several}. Loops are not supported: cut them, and state their closing as a constraint."
+        )
+    return KinematicTree(roots[0], joints)
 
 
 def _joint(given: Any) -> Joint:
     """A joint of a description; what it leaves out has the default of the format."""
-    if given.type not in ("fixed", *WITH_ONE_COORDINATE, *WITH_A_POSE):
-        raise ObstacleError(f"joint '{given.name}' is of type '{given.type}', which is none of URDF's.")
+    if given.type not in ("fixed", *WITH_ONE_COORDINATE):
+        raise ObstacleError(
+            f"joint '{given.name}' is of type '{given.type}'; expected one coordinate: a robot that drives or flies as "
+            "a whole has its pose by base=."
+        )
     axis = np.array([1.0, 0.0, 0.0]) if given.axis is None else np.asarray(given.axis, dtype=float)
     length = float(np.linalg.norm(axis))
-    if given.type in WITH_ONE_COORDINATE and not length > 0.0:
+    if given.type != "fixed" and not length > 0.0:
         raise ObstacleError(f"joint '{given.name}' has the axis {axis.tolist()}, which is no direction.")
     limits = (-math.inf, math.inf)
     if given.limit is not None and given.type != "continuous":
@@ -219,20 +196,17 @@ def _coordinate_rules(
         said = f"joints= names {', '.join(map(repr, unknown))}, which do not move by themselves; " if unknown else ""
         said += f"joints= says nothing about {', '.join(map(repr, missing))}; " if missing else ""
         raise ObstacleError(f"robot '{name}': {said}the joints that move are {', '.join(map(repr, movable))}.")
-    return {joint: _coordinate_rule(joint, given, movable[joint].kind) for joint, given in joints.items()}
+    return {joint: _coordinate_rule(joint, given) for joint, given in joints.items()}
 
 
-def _coordinate_rule(joint: str, given: Any, kind: str) -> Callable[[Any, Any], Any]:
+def _coordinate_rule(joint: str, given: Any) -> Callable[[Any, Any], Any]:
     if callable(given):
         return given
     if isinstance(given, str):
         return lambda block, t: getattr(block, given)[t]
-    fits = isinstance(given, Pose) if kind in WITH_A_POSE else isinstance(given, (int, float, np.number))
-    if not fits:
-        expected = "a pose" if kind in WITH_A_POSE else "a number"
+    if not isinstance(given, (int, float, np.number)):
         raise ObstacleError(
-            f"joint '{joint}' ({kind}) is given {given!r}; expected a rule(block, t), the name of a state, or "
-            f"{expected}."
+            f"joint '{joint}' is given {given!r}; expected a rule(block, t), the name of a state, or a number."
         )
     return lambda block, t: given
 

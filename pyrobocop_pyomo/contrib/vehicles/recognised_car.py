@@ -22,7 +22,6 @@ import numpy as np
 from pyomo.core.base.constraint import ConstraintData
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.contrib.robots.inverse_dynamics import SAMPLES, InverseDynamics
 from pyrobocop_pyomo.contrib.robots.least_squares import DIFFERENCE
 from pyrobocop_pyomo.contrib.robots.sampled_path import courses
 from pyrobocop_pyomo.errors import InitialGuessError, ObstacleError, PyRobocopError
@@ -36,6 +35,7 @@ from pyrobocop_pyomo.phases import PhaseBlockData, phases_of
 from .car_kinematics import Trailer, placed
 from .car_path import CarPath
 from .cost_to_go import bounds_around
+from .inverse_dynamics import SAMPLES, InverseDynamics
 from .motion_primitives import CarSearch
 from .staged_search import ROOM, staged_search
 

@@ -72,8 +72,6 @@ def test_conventions_of_ros_and_of_images() -> None:
     picture[0, 5] = 0
     (dark,) = cover_occupancy_grid(picture[::-1] < 128, 1.0)
     assert dark.vertices.max(axis=0).tolist() == [6.0, 4.0]
-    assert len(cover_occupancy_grid(np.where(picture < 128, 0.9, np.nan), 1.0, unknown="free")) == 1
-    assert len(cover_occupancy_grid((picture < 128).astype(int), 1.0)) == 1  # a mask of whole numbers
     assert cover_occupancy_grid(np.zeros((3, 3)), 1.0) == []
 
 
@@ -97,12 +95,14 @@ def test_grids_in_space_are_filled_by_boxes(seed: int) -> None:
     [
         (np.full((3, 3), 254), {}, r"picture\[::-1\] < 128"),
         (np.full((3, 3), 3.5), {}, "grid >= least"),
+        (np.eye(3), {}, "expected booleans"),
+        (np.full((3, 3), np.nan), {}, "expected booleans"),
         (np.zeros(9), {}, "Reshape"),
         (np.full((2, 2), "x"), {}, "expected booleans"),
-        (np.ones((2, 2)), {"resolution": 0.0}, "resolution"),
-        (np.ones((2, 2)), {"origin": (1, 2, 3, 4)}, r"\(x, y, yaw\)"),
-        (np.ones((2, 2)), {"unknown": "maybe"}, "unknown"),
-        (np.ones((2, 2)), {"tolerance": -1.0}, "tolerance"),
+        (np.ones((2, 2), dtype=bool), {"resolution": 0.0}, "resolution"),
+        (np.ones((2, 2), dtype=bool), {"origin": (1, 2, 3, 4)}, r"\(x, y, yaw\)"),
+        (np.ones((2, 2), dtype=bool), {"unknown": "maybe"}, "unknown"),
+        (np.ones((2, 2), dtype=bool), {"tolerance": -1.0}, "tolerance"),
     ],
 )
 def test_what_is_no_occupancy_is_refused(grid: Any, options: dict[str, Any], message: str) -> None:

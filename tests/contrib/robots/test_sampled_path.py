@@ -125,31 +125,6 @@ def test_both_branches_of_the_elbow_are_found() -> None:
     assert np.allclose([hand_at(q) for q in ends], goal, atol=1e-5)
 
 
-@pytest.mark.parametrize("order", [1, 2])
-def test_rates_and_accelerations_follow_from_the_equations(order: int) -> None:
-    m = arm(order=order)
-    times = np.linspace(0.05, 1.95, 77)
-    guess = rcp.scenes.sampled_path(m.reach)
-    width = 0.01
-    for k in range(2):
-        slopes = np.array([(guess[f"q{k}"](t + width) - guess[f"q{k}"](t - width)) / (2 * width) for t in times])
-        rates = np.clip([guess[f"w{k}"](t) for t in times], -3, 3)
-        assert np.abs(np.clip(slopes, -3, 3) - rates).max() < 0.35 * max(1.0, np.abs(slopes).max())
-    if order == 2:
-        assert abs(guess["w0"](0.0)) < 0.1
-        assert abs(guess["w1"](2.0)) < 0.1
-
-
-def test_a_free_duration_is_long_enough_for_the_bounds_of_the_rates() -> None:
-    m = arm(duration=rcp.Duration(bounds=(0.1, 60), initial_guess=0.2))
-    guess = rcp.scenes.sampled_path(m.reach)
-    duration = guess["duration"]
-    assert 0.2 < duration < 60
-    t = np.linspace(0.0, 1.0, 41)
-    path = np.array([[guess[name](float(s)) for name in ("q0", "q1")] for s in t])
-    assert np.abs(np.diff(path, axis=0) / np.diff(t)[:, None]).max() / duration <= 3.0
-
-
 def test_a_body_that_flies_freely_finds_its_way_through_a_gap() -> None:
     m = turning_move(height=0.0, turn=0.0)
     long = rcp.Polytope.box(1.0, 0.2)

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from pyrobocop_pyomo.contrib.robots.configuration_space import columns_of, names_read
 from pyrobocop_pyomo.contrib.robots.least_squares import damped_least_squares
 from pyrobocop_pyomo.modeling.expression_arrays import plain_entry
-from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS
 from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
-from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.modeling.variable_values import within_bounds
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases.families import equations_by_component
@@ -122,20 +121,3 @@ class InverseDynamics:
         """A value to start from: off zero, where a car at rest would not feel its steering."""
         low, high = self.variables[name].bounds
         return within_bounds(0.0, self.variables[name]) if low is None or high is None else 0.6 * high + 0.4 * low
-
-
-def names_read(expressions: Sequence[Any], variables: Mapping[str, Any]) -> list[str]:
-    """Names of the variables that expressions read, in the order of the variables."""
-    read = {
-        id(variable)
-        for expression in expressions
-        if hasattr(expression, "is_expression_type")
-        for variable in variables_in(expression, include_fixed=True)
-    }
-    return [name for name, variable in variables.items() if id(variable) in read]
-
-
-def columns_of(steps: ExpressionSteps, leaves: Mapping[int, Array], count: int) -> Array:
-    """Values of expressions, ``(count, expressions)``, from those of their variables, ``(count,)``, by identity."""
-    values = steps.evaluate_at(leaves, ARRAY_FUNCTIONS)
-    return np.array([np.broadcast_to(each, count) for each in values], dtype=float).reshape(-1, count).T
