@@ -179,8 +179,9 @@ class _FinerMeshes:
             for options, start, known in tries:
                 solve = partial(self._solved, options, known)
                 finer = loop.solve_on(plan, solve, partial(self._replaces, best), start=start)
-                is_last = halved or loop.has_ended or self._results[-1].stop_reason.is_final
-                if finer is not None or is_last or self._is_same(best, self._results[-1]):
+                last = self._results[-1]
+                is_last = halved or loop.has_ended or last.stop_reason.is_final or self._is_same(best, last)
+                if finer is not None or is_last:
                     break
             if finer is None and is_last:
                 break
@@ -215,10 +216,12 @@ class _FinerMeshes:
     def _states_of(self, best: SolveResult) -> dict[Any, Trajectory]:
         """What a finer mesh starts from beside the guess; of no phase where the whole answer is better.
 
-        Controls that move the states by other ways than those of the plan mean nothing between the points, as where
-        they turn by full circles: they make errors on any mesh, but not from any start.
+        Where the best controls between the points would leave no error, and those of the answer lead the states
+        elsewhere, these mean nothing there: they may turn by full circles from point to point.
         """
-        if not (_is_optimal(best) and _misses_its_equations(best)):
+        nets = [of.net for of in best.discretisation.phases.values() if of.net is not None]
+        are_wanting = abs(sum(nets)) > AIMED * self._tolerance * abs(best.objective)
+        if are_wanting or not (_is_optimal(best) and _misses_its_equations(best)):
             return {}
         found = {phase: phase.trajectory() for phase in self._phases.values()}
         return {phase: replace(of, signals={}, piecewise_linear={}) for phase, of in found.items() if of.states}
