@@ -180,13 +180,14 @@ class _FinerMeshes:
                 solve = partial(self._solved, options, known)
                 finer = loop.solve_on(plan, solve, partial(self._replaces, best), start=start)
                 last = self._results[-1]
-                is_last = halved or loop.has_ended or last.stop_reason.is_final or self._is_same(best, last)
+                was_in_vain = self._was_in_vain(best, last)
+                is_last = halved or was_in_vain or loop.has_ended or last.stop_reason.is_final
                 if finer is not None or is_last:
                     break
-            if finer is None and is_last:
-                break
             # Where nothing was better: another mesh, near to the last one that was solved.
             best, halved = finer or best, finer is None
+            if was_in_vain or (halved and is_last):
+                break
         return self._joined(best, loop.remark)
 
     def _next(self, best: SolveResult, halved: bool) -> MeshPlan | None:
@@ -208,10 +209,15 @@ class _FinerMeshes:
         )
         return None if at_an_end else plan
 
-    def _is_same(self, before: SolveResult, finer: SolveResult) -> bool:
-        """Whether two optima differ by no more than what is tolerated, and than the error that the first one said."""
+    def _was_in_vain(self, before: SolveResult, finer: SolveResult) -> bool:
+        """Whether a mesh has led to the same optimum, and to errors that are no smaller: these are none of the mesh.
+
+        The same is what differs by no more than what is tolerated, and than the error that was said before.
+        """
         same = min(self._tolerance * abs(before.objective), _estimated_errors(before))
-        return _is_optimal(before) and _is_optimal(finer) and abs(finer.objective - before.objective) <= same
+        is_same = _is_optimal(before) and _is_optimal(finer) and abs(finer.objective - before.objective) <= same
+        now, then = (result.discretisation.ratio(self._tolerance) for result in (finer, before))
+        return is_same and not now < then
 
     def _states_of(self, best: SolveResult) -> dict[Any, Trajectory]:
         """What a finer mesh starts from beside the guess; of no phase where the whole answer is better.
@@ -243,15 +249,11 @@ class _FinerMeshes:
         return result
 
     def _replaces(self, before: SolveResult, finer: SolveResult) -> bool:
-        """Whether an answer is no worse than that on the mesh before, which may have flattered itself.
-
-        Where it is the same one, its errors have to be smaller.
-        """
+        """Whether an answer is no worse than that on the mesh before, which may have flattered itself."""
         if not (_is_optimal(finer) and _is_optimal(before)):
             return _is_optimal(finer)
-        now, then = (result.discretisation.ratio(self._tolerance) for result in (finer, before))
-        if self._is_same(before, finer) and not now < then:
-            return False
+        if self._was_in_vain(before, finer):
+            return _estimated_errors(finer) < _estimated_errors(before)
         worse = finer.standing.cost - before.standing.cost
         explained = _TRUST * _estimated_errors(finer, before)
         return _misses_its_equations(before) or not worse > explained
