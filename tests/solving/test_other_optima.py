@@ -137,6 +137,14 @@ def test_a_start_that_is_cut_short_takes_no_certificate_away(monkeypatch: pytest
     assert rcp.solve(round_a_hill()).solved
 
 
+def test_a_start_that_is_cut_short_near_a_better_answer_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = rcp.solve(round_a_hill())
+    enough = next(step.iterations for step in whole.steps if step.label == whole.strategy)
+    monkeypatch.setattr(procedure, "FEW_ITERATIONS", enough - 1)
+    monkeypatch.setattr(record, "plain_work", lambda variables, iterations: enough - 1.0)
+    assert rcp.solve(round_a_hill()).objective == pytest.approx(whole.objective, rel=1e-6)
+
+
 def test_the_caller_may_allow_more_iterations_but_not_to_starts_that_only_explore() -> None:
     result = rcp.solve(two_wells(), options={"max_iter": 2000})
     assert all(step.options["max_iter"] <= 500 for step in result.steps[1:])
