@@ -62,12 +62,18 @@ def test_a_smaller_tolerance_gives_a_finer_mesh(exact: float) -> None:
     assert errors[2] < 1e-6
 
 
-def test_errors_that_a_finer_mesh_does_not_lessen_end_the_loop(monkeypatch: pytest.MonkeyPatch) -> None:
-    """They are none of the mesh, and the coarsest one gives the same answer."""
+@pytest.fixture
+def same_errors_on_any_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A control may turn by any number of circles from point to point: no mesh makes its polynomials mean more."""
     monkeypatch.setattr(DiscretisationEstimate, "ratio", lambda estimate, tolerance: 5.0)
+    monkeypatch.setattr(DiscretisationEstimate, "largest_known_motion_error", 1.0)
     monkeypatch.setattr(
         DiscretisationEstimate, "finer", lambda estimate, meshes, *_, **__: {n: halves_of(m) for n, m in meshes.items()}
     )
+
+
+@pytest.mark.usefixtures("same_errors_on_any_mesh")
+def test_errors_that_a_finer_mesh_does_not_lessen_end_the_loop() -> None:
     result = rcp.solve(forced(elements=20), strategies=rcp.Strategy(exploration=0))
     assert [step.label for step in result.steps] == ["solve", "finer mesh"]
 
@@ -148,8 +154,8 @@ def test_a_boundary_moves_to_where_a_control_switches() -> None:
     assert abs(np.array(m.p.trajectory().grid.mesh.boundaries) - 3**0.5 / 3).min() < 1e-5
 
 
-def nishida() -> tuple[pyo.ConcreteModel, Any]:
-    """The smallest distance from the origin at the end, by one control that switches; ten elements lose the motion."""
+def test_a_better_objective_of_a_motion_that_is_none_is_not_kept() -> None:
+    """Nishida's problem: the smallest distance from the origin at the end, by one control that switches."""
     m, b = one_phase(duration=4.2, x=rcp.State(index=4, initial=10), u=rcp.Control(bounds=(-1, 1)))
 
     @b.ode
@@ -159,31 +165,26 @@ def nishida() -> tuple[pyo.ConcreteModel, Any]:
         return {b.x: [*slow, -0.6 * x[2] + 10 * x[3], -10 * x[2] - 0.6 * x[3] + u]}
 
     m.cost = pyo.Objective(expr=sum(b.x[i, b.final_time] ** 2 for i in range(4)))
-    return m, b
-
-
-def test_a_better_objective_of_a_motion_that_is_none_is_not_kept() -> None:
-    m, _ = nishida()
     result = rcp.solve(m, mesh_tolerance=1e-4)
     assert "the first answer, 0." in str(result.remarks)  # ten elements, whose motion is wrong by a quarter
     assert result.objective == pytest.approx(1.003475, rel=2e-3)
 
 
-def test_controls_of_a_motion_that_is_none_start_from_the_guess_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    m, b = nishida()
-    b.initialize(u=0.125)
-    ends, solve = [], mesh_loop.solve_model
+@pytest.mark.usefixtures("same_errors_on_any_mesh")
+def test_controls_that_do_not_move_the_states_as_planned_start_from_the_guess(monkeypatch: pytest.MonkeyPatch) -> None:
+    m, solve = forced(elements=40), mesh_loop.solve_model
+    m.p.initialize(u=0.125)
+    starts, answers = [], []
 
     def seen(model: Any, settings: Any) -> rcp.SolveResult:
-        started = [*b.u.get_values().values(), b.x[0, b.final_time].value]
+        starts.append([*m.p.u.get_values().values(), m.p.x[m.p.final_time].value])
         result = solve(model, settings)
-        ends.append((started, b.x[0, b.final_time].value))
+        answers.append(m.p.x[m.p.final_time].value)
         return result
 
     monkeypatch.setattr(mesh_loop, "solve_model", seen)
     rcp.solve(m)
-    (_, first), (start, _), *_ = ends
-    assert start == pytest.approx([*[0.125] * (len(start) - 1), first])
+    assert starts[1] == pytest.approx([*[0.125] * (len(starts[1]) - 1), answers[0]])
 
 
 def test_the_first_lines_say_what_keeps_a_coarse_mesh() -> None:
