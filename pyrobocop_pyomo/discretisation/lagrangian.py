@@ -29,12 +29,11 @@ from pyrobocop_pyomo.phases.rule_formulas import RuleFormulas
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .best_controls import least_integrand, least_integrand_within_rows
+from .estimates import ZERO_OBJECTIVE
 from .phase_multipliers import PhaseMultipliers
 
-# At most so much of the two parts of an element is taken to cancel.
-_CANCELLED = 0.02
-# As a part of an element's share of the objective: what is beyond is far from leading order.
-_LOST = 0.5
+# At least so much of the two parts of an element is taken not to cancel.
+_NOT_CANCELLED = 0.02
 
 
 class PhaseLagrangian:
@@ -130,9 +129,9 @@ class PhaseLagrangian:
             # Both parts may cancel, and do for schemes of Gauss; how well is known to leading order only.
             net = first - second
             parts = np.abs(first) + np.abs(second)
-            # Where the polynomials of the controls mean nothing, each part is as large as what the element holds.
-            lost = np.minimum(np.abs(first), np.abs(second)) * widths.sum() > _LOST * size
-            bound = np.maximum(np.abs(net), np.where(lost, parts, _CANCELLED * parts))
+            # The next order is smaller than this one by what the parts are of the element's share of the objective.
+            next_order = np.clip(parts * widths.sum() / max(size, ZERO_OBJECTIVE), _NOT_CANCELLED, 1.0)
+            bound = np.maximum(np.abs(net), next_order * parts)
         if not np.isfinite(bound + passed).all():
             raise TrajectoryError("The estimate has no finite value at some point between those of the mesh.")
         return widths * net, np.maximum(widths * bound, passed), passed

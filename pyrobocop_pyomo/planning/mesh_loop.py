@@ -34,6 +34,7 @@ from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult, with_steps_of_all
 from pyrobocop_pyomo.solving.starts import EXPLORED_ELEMENTS, elements_of
 from pyrobocop_pyomo.solving.strategies import ABSOLUTE_VALUES, SOLVE
+from pyrobocop_pyomo.trajectories import Trajectory
 
 from .planning_point import PlanningPoint
 
@@ -161,7 +162,6 @@ class _FinerMeshes:
         self._phases = {phase.name: phase for phase in phases_of(model)}
         self._boundaries = {name: frozenset(phase.grid.mesh.boundaries) for name, phase in self._phases.items()}
         self._results, self._elements = [first], elements_of(model)
-        self._before: SolveResult | None = None  # on the mesh before that of the best answer
         self._most = min(max(MOST_TIMES * self._elements, SMALL_ELEMENTS), MOST_ELEMENTS)
         self._left = max(SMALL_EFFORT, EFFORT * self._elements * first.iterations)
 
@@ -173,24 +173,27 @@ class _FinerMeshes:
         if halved and self._elements > EXPLORED_ELEMENTS:
             return best
         while (plan := self._next(best, halved)) is not None:
-            tries = [(FINER_MESH, None), ({}, self._start)] if _is_optimal(best) else [(None, self._start)]
-            for options, start in tries:
-                finer = loop.solve_on(plan, partial(self._solved, options), partial(_replaces, best), start=start)
-                is_last = halved or loop.has_ended or self._results[-1].stop_reason.is_final
+            states = self._states_of(best)
+            from_answer = FINER_MESH, self._start if states else None, states
+            tries: list[Any] = [from_answer, ({}, self._start, {})] if _is_optimal(best) else [(None, self._start, {})]
+            for options, start, known in tries:
+                solve = partial(self._solved, options, known)
+                finer = loop.solve_on(plan, solve, partial(self._replaces, best), start=start)
+                last = self._results[-1]
+                was_in_vain = self._was_in_vain(best, last)
+                is_last = halved or was_in_vain or loop.has_ended or last.stop_reason.is_final
                 if finer is not None or is_last:
                     break
-            if finer is None and is_last:
-                break
             # Where nothing was better: another mesh, near to the last one that was solved.
             best, halved = finer or best, finer is None
+            if was_in_vain or (halved and is_last):
+                break
         return self._joined(best, loop.remark)
 
     def _next(self, best: SolveResult, halved: bool) -> MeshPlan | None:
         """The next meshes; None where it ends."""
         now = {name: phase.grid.mesh for name, phase in self._phases.items()}
         if _is_optimal(best) and not best.discretisation.ratio(self._tolerance) > 1.0:  # or not known
-            return None
-        if not halved and self._was_in_vain(best):
             return None
         if halved:
             meshes = {name: halves_of(mesh) for name, mesh in now.items()}
@@ -206,21 +209,33 @@ class _FinerMeshes:
         )
         return None if at_an_end else plan
 
-    def _was_in_vain(self, best: SolveResult) -> bool:
-        """Whether the last mesh has led to the same answer, and to errors that are no smaller.
+    def _was_in_vain(self, before: SolveResult, finer: SolveResult) -> bool:
+        """Whether a mesh has led to the same optimum, and to errors that are no smaller: these are none of the mesh.
 
-        These are none of the mesh: a control may turn by full circles from point to point.
+        The same is what differs by no more than what is tolerated, and than the error that was said before.
         """
-        before, self._before = self._before, best
-        if before is None or not (_is_optimal(best) and _is_optimal(before)):
-            return False
-        same = max(self._tolerance * abs(before.objective), _estimated_errors(before))
-        is_same = abs(best.objective - before.objective) <= same
-        now, then = (result.discretisation.ratio(self._tolerance) for result in (best, before))
+        same = min(self._tolerance * abs(before.objective), _estimated_errors(before))
+        is_same = _is_optimal(before) and _is_optimal(finer) and abs(finer.objective - before.objective) <= same
+        now, then = (result.discretisation.ratio(self._tolerance) for result in (finer, before))
         return is_same and not now < then
 
-    def _solved(self, options: Mapping[str, Any] | None) -> SolveResult:
+    def _states_of(self, best: SolveResult) -> dict[Any, Trajectory]:
+        """What a finer mesh starts from beside the guess; of no phase where the whole answer is better.
+
+        Where the best controls between the points would leave no error, and those of the answer lead the states
+        elsewhere, these mean nothing there: they may turn by full circles from point to point.
+        """
+        nets = [of.net for of in best.discretisation.phases.values() if of.net is not None]
+        are_wanting = abs(sum(nets)) > AIMED * self._tolerance * abs(best.objective)
+        if are_wanting or not (_is_optimal(best) and _misses_its_equations(best)):
+            return {}
+        found = {phase: phase.trajectory() for phase in self._phases.values()}
+        return {phase: replace(of, signals={}, piecewise_linear={}) for phase, of in found.items() if of.states}
+
+    def _solved(self, options: Mapping[str, Any] | None, states: Mapping[Any, Trajectory]) -> SolveResult:
         """The answer on the meshes that there are now; without options by the strategies of a first solve."""
+        for phase, trajectory in states.items():
+            phase.initialize(trajectory)
         count, strategies = elements_of(self._model), self._settings.strategies
         if options is not None:
             # From the answer on another mesh a run that takes more than the one before hardly gets anywhere.
@@ -232,6 +247,16 @@ class _FinerMeshes:
         self._left -= count * result.iterations
         logger.info("'%s' on %d elements: %s", self._model.name, count, result.one_line())
         return result
+
+    def _replaces(self, before: SolveResult, finer: SolveResult) -> bool:
+        """Whether an answer is no worse than that on the mesh before, which may have flattered itself."""
+        if not (_is_optimal(finer) and _is_optimal(before)):
+            return _is_optimal(finer)
+        if self._was_in_vain(before, finer):
+            return _estimated_errors(finer) < _estimated_errors(before)
+        worse = finer.standing.cost - before.standing.cost
+        explained = _TRUST * _estimated_errors(finer, before)
+        return _misses_its_equations(before) or not worse > explained
 
     def _joined(self, best: SolveResult, kept: str) -> SolveResult:
         """The best answer, with the steps of all, and what became of the mesh."""
@@ -258,13 +283,9 @@ def _is_optimal(result: SolveResult) -> bool:
     return result.quality is Quality.OPTIMAL
 
 
-def _replaces(before: SolveResult, finer: SolveResult) -> bool:
-    """Whether an answer is no worse than that on the mesh before, which may have flattered itself."""
-    if not (_is_optimal(finer) and _is_optimal(before)):
-        return _is_optimal(finer)
-    worse = finer.standing.cost - before.standing.cost
-    explained = _TRUST * _estimated_errors(finer, before)
-    return before.discretisation.largest_known_motion_error > SMALL_MOTION_ERROR or not worse > explained
+def _misses_its_equations(result: SolveResult) -> bool:
+    """Whether the motion is known to be none of the equations."""
+    return result.discretisation.largest_known_motion_error > SMALL_MOTION_ERROR
 
 
 def _estimated_errors(*results: SolveResult) -> float:

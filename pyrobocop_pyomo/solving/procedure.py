@@ -29,7 +29,7 @@ from pyrobocop_pyomo.numerics.rounding import MET
 from pyrobocop_pyomo.phases import phases_of
 
 from .curvature import is_convex
-from .ipopt_options import ITERATIONS_OF_ONE
+from .ipopt_options import ITERATIONS_OF_ONE, ROUGH
 from .iterates import Iterate, Quality, StopReason
 from .record import EXPLORED_WORK
 from .runner import Runner
@@ -242,11 +242,15 @@ class _Procedure(Runner):
         return True
 
     def _is_on_the_way(self, strategy: Strategy, iterate: Iterate) -> bool:
-        """Whether a run without pairs ended at no solution, but where elastic rows or a better start led to."""
+        """Whether a run without pairs ended at no solution, but where elastic rows led to or near a better one."""
         record, best = self.record, self.record.best
         if self.has_pairs or record.is_certified(iterate) or iterate.stop_reason.is_final or record.is_cut():
             return False
-        return strategy.elastic_rows or (record.is_certified(best) and record.is_better(iterate, best))
+        if best is None or not record.is_certified(best):
+            return strategy.elastic_rows
+        nearly = replace(self.settings.tolerances, feasibility=ROUGH["tol"])
+        one, other = (point.standing(nearly, record.check.sign) for point in (iterate, best))
+        return strategy.elastic_rows or one.is_better_than(other)
 
     def _result(self, best: Iterate) -> SolveResult:
         cut, place = self.record.cut, self.places.last
