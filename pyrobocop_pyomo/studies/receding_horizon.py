@@ -146,6 +146,7 @@ class RecedingHorizon:
         self.exact = ExactPairs(model, options or {}) if exact_pairs else None
         # Where the relaxed solution only shows the way, digits are wasted on it.
         self.program = PersistentNLP(model, {**(ROUGH if exact_pairs else {}), **(options or {})})
+        self._made: tuple[FloatArray, FloatArray] | None = None  # the last exact plan, and the relaxed one beside it
         self._known_place: PlaceInProgram | None = None
 
     def step(
@@ -183,9 +184,14 @@ class RecedingHorizon:
         # States are zero without an initial guess, where an expression may have no value.
         remark = defined_start(self.program.model) if self.program.outcome is None else ""
         self.program.update()
-        ahead = self._ahead(self.program.compiled.nlp.x_start, last, advance)
+        here = self.program.compiled.nlp.x_start
+        ahead = self._ahead(here, last, advance)
+        # The relaxed problem goes on from its own last solution, unless the values on the model were changed since: from
+        # the exact plan, in which nothing acts across a gap, it would let go of what is held.
+        known = self._made is not None and np.array_equal(here, self._made[0])
+        start = self._ahead(self._made[1], last, advance) if self._made is not None and known else ahead
         outcome = self.program.solve(
-            mu=mu, mu_target=None if self.exact is None else mu, time_limit=seconds_left(deadline), start=ahead
+            mu=mu, mu_target=None if self.exact is None else mu, time_limit=seconds_left(deadline), start=start
         )
         if outcome.status is IpoptStatus.INVALID_NUMBER and (undefined := named_undefined_rows(self.program.model)):
             remark = f"The initial guess could not be evaluated: {undefined}. Give another by initialize()."
@@ -216,20 +222,21 @@ class RecedingHorizon:
         self, pairs: ExactPairs, relaxed: IpoptOutcome, ahead: FloatArray, mu: float, deadline: Deadline
     ) -> tuple[IpoptOutcome, float | None, list[IpoptOutcome]]:
         """The branch that one of several starts leads to, on the model, with its natural residual and all runs."""
-        delta, runs = pairs.relaxed.delta, [relaxed]
-        usual = delta.value
+        compiled, usual, runs = self.program.compiled, pairs.relaxed.delta.value, [relaxed]
+        self._made = None
         try:
             for start in self._starts(pairs, relaxed, ahead, mu, runs, deadline):
-                outcome, natural, tried = pairs.solve(self.program.compiled, start, deadline)
+                outcome, natural, tried = pairs.solve(compiled, start, deadline)
                 runs += tried
-                if outcome.status.solved:
-                    self.program.compiled.load_point(outcome.x)
-                    return outcome, natural, runs
-                if outcome.status is IpoptStatus.INTERRUPTED or deadline.has_passed:
+                if outcome.status.solved or outcome.status is IpoptStatus.INTERRUPTED or deadline.has_passed:
                     break
         finally:
-            delta.set_value(usual)
-        return outcome, None, runs
+            pairs.relaxed.delta.set_value(usual)
+        if not outcome.status.solved:
+            return outcome, None, runs
+        compiled.load_point(outcome.x)
+        self._made = outcome.x, relaxed.x if relaxed.status.solved else outcome.x
+        return outcome, natural, runs
 
     def _starts(
         self,
@@ -240,28 +247,38 @@ class RecedingHorizon:
         runs: list[IpoptOutcome],
         deadline: Deadline,
     ) -> Iterator[PrimalDualPoint]:
-        """The relaxed solution, the last plan, relaxed solutions of smaller delta, a simulation of its controls.
+        """The relaxed solution, the last plan, a simulation of its controls, relaxed solutions of smaller delta.
 
         A large delta keeps the relaxed problem smooth, but where a plan has to change a lot, forces that act across
         small gaps lead to branches without a solution: then delta becomes smaller, as it does from a cold start. A
         simulation meets rows and pairs wherever there is no other limit, so that its branch has a solution.
         """
-        compiled = self.program.compiled
         if relaxed.status.solved:
             yield relaxed.point
         yield replace(relaxed.point, x=ahead)
+        if not relaxed.status.solved:
+            yield from self._simulated(pairs, ahead)
         while (smaller := pairs.relaxed.delta.value / DELTA_DIVISOR) >= SMALLEST_DELTA:
             pairs.relaxed.delta.set_value(smaller)
             target = min(mu, smaller)
-            runs.append(self.program.solve(mu=target, mu_target=target, time_limit=seconds_left(deadline)))
-            yield runs[-1].point
+            rough = self.program.solve(mu=target, mu_target=target, time_limit=seconds_left(deadline))
+            runs.append(rough)
+            yield rough.point
+        if relaxed.status.solved:
+            yield from self._simulated(pairs, ahead)
+
+    def _simulated(self, pairs: ExactPairs, ahead: FloatArray) -> Iterator[PrimalDualPoint]:
+        """What the controls of a plan do from the measured state; nothing where that cannot be found."""
+        compiled = self.program.compiled
         compiled.load_point(ahead)
-        with contextlib.suppress(PyRobocopError):
-            with pairs.stated():
-                self.phase.initialize(self.phase.simulate(method="scheme"))
+        found = None
+        with contextlib.suppress(PyRobocopError), pairs.stated():
+            self.phase.initialize(self.phase.simulate(method="scheme"))
             pairs.relaxed.start_lifted()
+            found = compiled.current_point()
+        if found is not None:
             zeros = np.zeros(compiled.nlp.n)
-            yield PrimalDualPoint(compiled.current_point(), np.zeros(compiled.nlp.m), zeros, zeros)
+            yield PrimalDualPoint(found, np.zeros(compiled.nlp.m), zeros, zeros)
 
     def _place(self) -> PlaceInProgram:
         if self._known_place is None or self._known_place.variables is not self.program.compiled.variables:
