@@ -9,6 +9,7 @@ from pyomo.core.base.block import Block, BlockData
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.var import Var
 
+from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
 from pyrobocop_pyomo.errors import ContradictionError, ModelError
 from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.phases.structure import HIGHER_INDEX_REMEDY, PointStructure, describe_higher_index
@@ -34,7 +35,6 @@ from .values import (
     boundary_findings,
     decided_findings,
     discretised_start_findings,
-    parameter_findings,
     undefined_findings,
 )
 
@@ -67,8 +67,8 @@ def diagnose(model: Any) -> Diagnosis:
     phases = phases_of(model)
     remarks: list[str] = []
     equations = Equations(model)
-    findings = [*shared_findings(model), *start_findings(model, remarks)]
-    findings += [*statement_findings(model), *misplaced_findings(model)]
+    findings = [*shared_findings(model), *start_findings(model, remarks), *statement_findings(model)]
+    findings += [*unfinished_findings(model), *foreign_findings(model)]
     if model is model.model():  # what solves a part of it may have its objective elsewhere
         findings += objective_findings(model)
         if without := without_objective(model):
@@ -78,8 +78,7 @@ def diagnose(model: Any) -> Diagnosis:
     missing = sorted({data.parent_component().name for data in variables if data.value is None})
     if missing:
         remarks.append(f"rows that hold a variable without a value: {', '.join(missing)}")
-    findings += [*parameter_findings(model), *undefined_findings(model), *decided_findings(model)]
-    findings += appearance_findings(model, {name for finding in findings for name in finding.components})
+    findings += [*undefined_findings(model), *decided_findings(model), *appearance_findings(model)]
     findings += [*excess_findings(model, equations)] or [*dependence_findings(model, equations)]
     findings += unit_findings(model)
     counted = phases if len(phases) == 1 and phases[0] is model else [*phases, model]
@@ -87,18 +86,10 @@ def diagnose(model: Any) -> Diagnosis:
     return Diagnosis(model.name, tuple(findings), tuple(map(counts_of, counted)), tuple(remarks))
 
 
-def shared_findings(model: Any, rows_of_each: int | None = None) -> Iterator[Finding]:
-    """What both a solve and a diagnosis look at, beside given values.
-
-    Parameters
-    ----------
-    model : Block
-    rows_of_each : int, optional
-        How many rows of each component are looked at for variables of another model; all by default.
-    """
+def shared_findings(model: Any) -> Iterator[Finding]:
+    """What both a solve and a diagnosis look at, beside given values."""
+    yield from misplaced_findings(model)
     yield from scaled_pair_findings(model)
-    yield from unfinished_findings(model)
-    yield from foreign_findings(model, rows_of_each)
     if not is_renamed(model):
         yield from joining_findings(model)
 
@@ -136,9 +127,9 @@ def doubts_before_solve(model: Any) -> tuple[Finding, ...]:
     ModelError
         When the model says something that nothing is done with.
     """
-    # One row tells of most components; a variable that is met elsewhere is refused when the model is compiled.
+    # What no solver sees, and rows that read variables of another model, are refused when the model is compiled.
     contradictions = [*bound_findings(model), *start_findings(model, [])]
-    findings = [*misplaced_findings(model), *shared_findings(model, rows_of_each=1)]
+    findings = [*shared_findings(model), *foreign_findings(model, PAIR_TYPES)]
     for phase in phases_of(model):
         # Where some variables have no units, units are no more than labels.
         declarations = phase.record.declarations.values()
@@ -177,14 +168,6 @@ def structural_findings(phase: Any) -> Iterator[Finding]:
             "It was allowed; expect less accurate algebraics." if allowed else HIGHER_INDEX_REMEDY,
         )
         return
-    leftover = next((point for point in structures if point.leftover_rows), None)
-    if leftover is not None:
-        yield warning_about(
-            f"phase '{phase.name}': at t = {leftover.time:g} {quoted(leftover.leftover_rows)} can determine "
-            "controls only.",
-            _names(phase, leftover.leftover_rows),
-            "Declare as Algebraic what an equation determines, or state the equation as a 'constraint'.",
-        )
     # Without rows and helpers there is nothing to look at: a structure that is square by rows alone is fine.
     short = next((point for point in structures if point.of_rows.unmatched_columns and point.undetermined), None)
     if short is not None:
