@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import time
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,8 +13,8 @@ from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.complementarity import active_sources
 from pyrobocop_pyomo.diagnosis.values import named_undefined_rows
-from pyrobocop_pyomo.errors import ComplementarityError, ModelError, PyRobocopError
-from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
+from pyrobocop_pyomo.errors import ComplementarityError, ModelError
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.motion.safety_report import SafetyReport, joined_report
 from pyrobocop_pyomo.obstacles import avoidance_blocks, containments
@@ -23,7 +22,7 @@ from pyrobocop_pyomo.obstacles.initial_checks import warn_of_clocks_that_start_a
 from pyrobocop_pyomo.phases import PhaseBlockData
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
 from pyrobocop_pyomo.presentation import Presented
-from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, PrimalDualPoint
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 from pyrobocop_pyomo.solving.ipopt_options import ROUGH
 from pyrobocop_pyomo.solving.starts import defined_start
 from pyrobocop_pyomo.trajectories import Trajectory
@@ -34,9 +33,6 @@ from .persistent_nlp import PersistentNLP
 from .shifted_warm_start import PlaceInProgram, ShiftedPlan
 
 logger = logging.getLogger(__name__)
-
-# Where no branch near the relaxed solution has a solution, delta is divided by this, until it is so small.
-DELTA_DIVISOR, SMALLEST_DELTA = 10.0, 1e-7
 
 
 @dataclass(frozen=True)
@@ -143,9 +139,9 @@ class RecedingHorizon:
         warn_of_clocks_that_start_anew(blocks)
         self._verified = [*blocks, *containments(model)] if verify else []
         self._moved = ShiftedPlan(phase, self._values)
-        self.exact = ExactPairs(model, options or {}) if exact_pairs else None
         # Where the relaxed solution only shows the way, digits are wasted on it.
         self.program = PersistentNLP(model, {**(ROUGH if exact_pairs else {}), **(options or {})})
+        self.exact = ExactPairs(phase, self.program, options or {}) if exact_pairs else None
         self._made: tuple[FloatArray, FloatArray] | None = None  # the last exact plan, and the relaxed one beside it
         self._known_place: PlaceInProgram | None = None
 
@@ -186,8 +182,8 @@ class RecedingHorizon:
         self.program.update()
         here = self.program.compiled.nlp.x_start
         ahead = self._ahead(here, last, advance)
-        # The relaxed problem goes on from its own last solution, unless the values on the model were changed since: from
-        # the exact plan, in which nothing acts across a gap, it would let go of what is held.
+        # The relaxed problem goes on from its own last solution, unless the values on the model were changed since:
+        # from the exact plan, in which nothing acts across a gap, it would let go of what is held.
         known = self._made is not None and np.array_equal(here, self._made[0])
         start = self._ahead(self._made[1], last, advance) if self._made is not None and known else ahead
         outcome = self.program.solve(
@@ -197,7 +193,11 @@ class RecedingHorizon:
             remark = f"The initial guess could not be evaluated: {undefined}. Give another by initialize()."
         natural, runs = None, [outcome]
         if self.exact is not None and outcome.status is not IpoptStatus.INVALID_NUMBER:
-            outcome, natural, runs = self._made_exact(self.exact, outcome, ahead, mu, deadline)
+            relaxed, self._made = outcome, None
+            outcome, natural, runs = self.exact.made_exact(relaxed, ahead, mu, deadline)
+            if outcome.status.solved:
+                self.program.compiled.load_point(outcome.x)
+                self._made = outcome.x, relaxed.x if relaxed.status.solved else outcome.x
         if not outcome.status.solved:
             self.program.compiled.load_point(ahead)
         found = self._place().read(outcome.x if outcome.status.solved else ahead)
@@ -217,68 +217,6 @@ class RecedingHorizon:
                 values[name][0] = number
             place.put(self._moved.ahead(values, advance), x)
         return x
-
-    def _made_exact(
-        self, pairs: ExactPairs, relaxed: IpoptOutcome, ahead: FloatArray, mu: float, deadline: Deadline
-    ) -> tuple[IpoptOutcome, float | None, list[IpoptOutcome]]:
-        """The branch that one of several starts leads to, on the model, with its natural residual and all runs."""
-        compiled, usual, runs = self.program.compiled, pairs.relaxed.delta.value, [relaxed]
-        self._made = None
-        try:
-            for start in self._starts(pairs, relaxed, ahead, mu, runs, deadline):
-                outcome, natural, tried = pairs.solve(compiled, start, deadline)
-                runs += tried
-                if outcome.status.solved or outcome.status is IpoptStatus.INTERRUPTED or deadline.has_passed:
-                    break
-        finally:
-            pairs.relaxed.delta.set_value(usual)
-        if not outcome.status.solved:
-            return outcome, None, runs
-        compiled.load_point(outcome.x)
-        self._made = outcome.x, relaxed.x if relaxed.status.solved else outcome.x
-        return outcome, natural, runs
-
-    def _starts(
-        self,
-        pairs: ExactPairs,
-        relaxed: IpoptOutcome,
-        ahead: FloatArray,
-        mu: float,
-        runs: list[IpoptOutcome],
-        deadline: Deadline,
-    ) -> Iterator[PrimalDualPoint]:
-        """The relaxed solution, the last plan, a simulation of its controls, relaxed solutions of smaller delta.
-
-        A large delta keeps the relaxed problem smooth, but where a plan has to change a lot, forces that act across
-        small gaps lead to branches without a solution: then delta becomes smaller, as it does from a cold start. A
-        simulation meets rows and pairs wherever there is no other limit, so that its branch has a solution.
-        """
-        if relaxed.status.solved:
-            yield relaxed.point
-        yield replace(relaxed.point, x=ahead)
-        if not relaxed.status.solved:
-            yield from self._simulated(pairs, ahead)
-        while (smaller := pairs.relaxed.delta.value / DELTA_DIVISOR) >= SMALLEST_DELTA:
-            pairs.relaxed.delta.set_value(smaller)
-            target = min(mu, smaller)
-            rough = self.program.solve(mu=target, mu_target=target, time_limit=seconds_left(deadline))
-            runs.append(rough)
-            yield rough.point
-        if relaxed.status.solved:
-            yield from self._simulated(pairs, ahead)
-
-    def _simulated(self, pairs: ExactPairs, ahead: FloatArray) -> Iterator[PrimalDualPoint]:
-        """What the controls of a plan do from the measured state; nothing where that cannot be found."""
-        compiled = self.program.compiled
-        compiled.load_point(ahead)
-        found = None
-        with contextlib.suppress(PyRobocopError), pairs.stated():
-            self.phase.initialize(self.phase.simulate(method="scheme"))
-            pairs.relaxed.start_lifted()
-            found = compiled.current_point()
-        if found is not None:
-            zeros = np.zeros(compiled.nlp.n)
-            yield PrimalDualPoint(found, np.zeros(compiled.nlp.m), zeros, zeros)
 
     def _place(self) -> PlaceInProgram:
         if self._known_place is None or self._known_place.variables is not self.program.compiled.variables:
