@@ -45,7 +45,7 @@ class HomotopyResult(StudyResult):
     @property
     def reached(self) -> bool:
         """Whether the path was followed to its end, and the point there is optimal."""
-        return self.position == 1.0 and self.result.solved
+        return self.position == 1.0 and self.best.solved
 
     def __str__(self) -> str:
         return f"{self.name}: followed to {max(self.position, 0.0):.5g}\n{self.table()}"
@@ -138,7 +138,8 @@ def homotopy(
             case = SweepCase(len(found), f"at {wanted:.5f}", {"position": wanted})
             step = solver.solve(case, near, None, deadline=deadline)
             found.append(step)
-            bar.line(f"{model.name}: {step.name} {step.verdict}, objective {step.objective:.7g}. {step.reason}")
+            why = "" if step.feasible else f" {step.reason}"
+            bar.line(f"{model.name}: {step.name} {step.verdict}, objective {step.objective:.7g}.{why}")
             if step.feasible:
                 last, position, successes = step, wanted, successes + 1
                 # One success says little of the next step: doubling at once would fail every other time.

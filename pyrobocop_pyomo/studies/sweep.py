@@ -67,9 +67,9 @@ def sweep(
     read : callable, optional
         ``read(model, result)`` returns a mapping of names to numbers or arrays that are kept of the case.
     start_from : "nearest", callable or None
-        From whose solution a case starts: by default that of the nearest case, along the shortest tree over the
-        numbers of the cases; every eighth one in a row starts from the initial guess. Or a function from the number of
-        a case to that of an earlier one, or to None. With None, all cases start from the initial guess.
+        From whose solution a case starts: by default that of the earlier case whose numbers are nearest; every eighth
+        one in a row starts from the initial guess. Or a function from the number of a case to that of an earlier one,
+        or to None. With None, all cases start from the initial guess.
     workers : int or "all"
         Number of processes, or one on each core; with 1 all is done in this one. More need a model that can be pickled,
         or a builder that stands at the top level of a module (or a `functools.partial` of such), the same for `put` and
@@ -212,7 +212,7 @@ class _Sweep:
         if outcome.error or not outcome.feasible:
             self.progress.line(f"{outcome.name}: {outcome.verdict}, {outcome.reason}")
         elapsed = time.perf_counter() - self._started
-        failures = sum(1 for each in self.done.values() if each.result is None or not each.result.solved)
+        failures = sum(not each.solved for each in self.done.values())
         left = elapsed / done * (count - done)
         self.progress.live(f"{done}/{count} cases, {failures} not solved, {elapsed:.0f} s, about {left:.0f} s left")
         return None if interrupted else self._tasks()

@@ -166,11 +166,12 @@ def starting_cases(cases: Sequence[SweepCase], start_from: Any) -> list[int | No
         return _checked([start_from(case.number) for case in cases])
     if start_from != "nearest":
         raise ModelError(f"start_from = {start_from!r}; expected 'nearest', a function of the case's number, or None.")
-    depth: dict[int, int] = {}
-    chosen: list[int | None] = [None] * len(cases)
-    for number, parent in _nearest(_coordinates(cases)):
-        depth[number] = 0 if parent is None else depth[parent] + 1
-        chosen[number] = None if depth[number] % LONGEST_CHAIN == 0 else parent
+    points, depth = _coordinates(cases), [0]
+    chosen: list[int | None] = [None]
+    for number in range(1, len(cases)):
+        parent = int(scipy.spatial.distance.cdist(points[number : number + 1], points[:number]).argmin())
+        depth.append((depth[parent] + 1) % LONGEST_CHAIN)
+        chosen.append(parent if depth[number] else None)
     return chosen
 
 
@@ -194,11 +195,3 @@ def _coordinates(cases: Sequence[SweepCase]) -> Array:
     points = rows.reshape(len(cases), -1)
     ranges = np.ptp(points, axis=0)
     return points / np.where(ranges > 0.0, ranges, 1.0)
-
-
-def _nearest(points: Array) -> list[tuple[int, int | None]]:
-    """The shortest tree over the points, from the first one on: pairs of a case and its neighbour."""
-    # In sparse graphs a zero is no edge; a number more for each edge changes no tree.
-    tree = scipy.sparse.csgraph.minimum_spanning_tree(1.0 + scipy.spatial.distance.cdist(points, points))
-    order, before = scipy.sparse.csgraph.breadth_first_order(tree, 0, directed=False)
-    return [(number, None if number == 0 else int(before[number])) for number in order.tolist()]
