@@ -9,7 +9,6 @@ import pytest
 from harness.phases import integrator
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import SolveFailed
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 
 pytestmark = [pytest.mark.casadi, pytest.mark.slow]
@@ -42,15 +41,6 @@ def endless_phase() -> Any:
     return m
 
 
-def many_parameters(count: int) -> tuple[Any, Any]:
-    m = pyo.ConcreteModel(name="many")
-    m.p = pyo.Param(range(count), initialize=1.0, mutable=True)
-    m.x = pyo.Var(range(count), initialize=0.0)
-    m.rows = pyo.Constraint(range(count), rule=lambda m, i: m.x[i] + 0.1 * m.x[i] ** 3 == m.p[i])
-    m.cost = pyo.Objective(expr=sum((m.x[i] - 2) ** 2 for i in m.x))
-    return m, rcp.solve(m, progress=False)
-
-
 @pytest.fixture(scope="module")
 def tolerated() -> float:
     """Processor time after the limit of each solve; what is imported once is imported by the first solve."""
@@ -80,18 +70,6 @@ def test_one_case(tolerated: float) -> None:
     assert taken < 2 * (0.5 + tolerated)
     assert [outcome.cut_short for outcome in found] == [True, True]
     assert found.remaining == ()
-
-
-@pytest.mark.parametrize("limit", [0.05, 0.5])
-def test_derivatives(limit: float, tolerated: float) -> None:
-    m, result = many_parameters(5000)
-
-    def unfinished() -> None:
-        with pytest.raises(SolveFailed, match="Raise time_limit"):
-            rcp.studies.sensitivity(m, result, m.p, time_limit=limit)
-
-    taken, _ = seconds_of(unfinished)
-    assert taken < limit + tolerated
 
 
 def test_steps_of_a_receding_horizon(tolerated: float) -> None:
