@@ -59,13 +59,12 @@ class OutcomeFile:
         content = self._path.read_bytes()
         whole = content.rfind(b"\n") + 1
         try:
-            found, *lines = [_facts_of(line) for line in content[:whole].splitlines()] or [head]
+            found, *lines = map(_facts_of, content[:whole].splitlines())
             self.records = {line["key"]: line for line in lines}
         except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise TeamError(f"{self._path}: no outcomes of a sweep can be read from it ({error}).") from error
-        start = json.dumps(_HEAD).removesuffix("}").encode()
-        if not whole and not content.startswith(start[: len(content)]):
-            raise TeamError(f"{self._path}: is no file of outcomes. Name another file.")
+            raise TeamError(
+                f"{self._path}: no outcomes of a sweep can be read from it ({error}). Name another file, or remove it."
+            ) from error
         different = [name for name in {**found, **head} if found.get(name) != head.get(name)]
         if different:
             raise TeamError(
@@ -75,8 +74,6 @@ class OutcomeFile:
         if whole < len(content):
             with self._path.open("rb+") as file:
                 file.truncate(whole)
-        if not whole:
-            self._append(head)
 
     def append(self, key: str, record: Mapping[str, Any]) -> None:
         """Write the outcome of a case."""
