@@ -211,15 +211,10 @@ def plain_numbers(found: Any) -> dict[str, Any]:
     """
     if not isinstance(found, Mapping):
         raise ModelError(f"read returned {type(found).__name__}; expected a mapping of names to numbers.")
-    plain: dict[str, Any] = {}
-    for name, number in found.items():
-        if isinstance(number, (bool, str)) or number is None:
-            plain[str(name)] = number
-        elif np.ndim(number) == 0:
-            plain[str(name)] = float(number)
-        else:
-            plain[str(name)] = np.asarray(number, dtype=float).tolist()
-    return plain
+    return {
+        str(name): number if number is None or isinstance(number, (bool, str)) else np.asarray(number, float).tolist()
+        for name, number in found.items()
+    }
 
 
 def _warm_possible(model: Any) -> bool:
