@@ -9,23 +9,19 @@ import sys
 import textwrap
 import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.safety_reports import report_of_a_collision
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError, SolveFailed, TeamError
 from pyrobocop_pyomo.execution import worker_host
-from pyrobocop_pyomo.studies.outcome_file import outcome_from_json, outcome_to_json
-from pyrobocop_pyomo.studies.outcomes import Outcome
-from pyrobocop_pyomo.studies.sweep_cases import LONGEST_CHAIN, SweepCase, read_cases, starting_cases
+from pyrobocop_pyomo.studies.sweep_cases import LONGEST_CHAIN, read_cases, starting_cases
 
 case_solver = importlib.import_module("pyrobocop_pyomo.studies.case_solver")
 
@@ -259,16 +255,6 @@ def test_a_sweep_goes_on_behind_what_is_in_its_file(tmp_path: Path) -> None:
     assert second.reached
     third = rcp.sweep(spring(), cases, read=numbers, file=file)
     assert str(third) == str(second)
-
-
-@pytest.mark.casadi
-def test_what_a_file_has_of_a_motion_that_is_not_safe_is_not_solved() -> None:
-    result = rcp.solve(spring())
-    unsafe = replace(result, safety=report_of_a_collision(), standing=replace(result.standing, shortfall=1.0))
-    outcome = Outcome(case=SweepCase(0, "near", {"pull": 1.0}), result=unsafe)
-    again = outcome_from_json(outcome.case, json.loads(json.dumps(outcome_to_json(outcome))))
-    assert (outcome.solved, outcome.reason) == (again.solved, again.reason)
-    assert not again.solved
 
 
 @pytest.mark.casadi
