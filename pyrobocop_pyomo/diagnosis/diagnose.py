@@ -9,7 +9,6 @@ from pyomo.core.base.block import Block, BlockData
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.var import Var
 
-from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
 from pyrobocop_pyomo.errors import ContradictionError, ModelError
 from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.phases.structure import HIGHER_INDEX_REMEDY, PointStructure, describe_higher_index
@@ -68,7 +67,6 @@ def diagnose(model: Any) -> Diagnosis:
     remarks: list[str] = []
     equations = Equations(model)
     findings = [*shared_findings(model), *start_findings(model, remarks), *statement_findings(model)]
-    findings += [*unfinished_findings(model), *foreign_findings(model)]
     if model is model.model():  # what solves a part of it may have its objective elsewhere
         findings += objective_findings(model)
         if without := without_objective(model):
@@ -86,10 +84,19 @@ def diagnose(model: Any) -> Diagnosis:
     return Diagnosis(model.name, tuple(findings), tuple(map(counts_of, counted)), tuple(remarks))
 
 
-def shared_findings(model: Any) -> Iterator[Finding]:
-    """What both a solve and a diagnosis look at, beside given values."""
+def shared_findings(model: Any, rows_of_each: int | None = None) -> Iterator[Finding]:
+    """What both a solve and a diagnosis look at, beside given values.
+
+    Parameters
+    ----------
+    model : Block
+    rows_of_each : int, optional
+        How many rows of each component are looked at for variables of another model; all by default.
+    """
     yield from misplaced_findings(model)
     yield from scaled_pair_findings(model)
+    yield from unfinished_findings(model)
+    yield from foreign_findings(model, rows_of_each)
     if not is_renamed(model):
         yield from joining_findings(model)
 
@@ -127,9 +134,9 @@ def doubts_before_solve(model: Any) -> tuple[Finding, ...]:
     ModelError
         When the model says something that nothing is done with.
     """
-    # What no solver sees, and rows that read variables of another model, are refused when the model is compiled.
+    # One row tells of most components; a variable that is met elsewhere is refused when the model is compiled.
     contradictions = [*bound_findings(model), *start_findings(model, [])]
-    findings = [*shared_findings(model), *foreign_findings(model, PAIR_TYPES)]
+    findings = [*shared_findings(model, rows_of_each=1)]
     for phase in phases_of(model):
         # Where some variables have no units, units are no more than labels.
         declarations = phase.record.declarations.values()

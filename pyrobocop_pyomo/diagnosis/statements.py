@@ -56,10 +56,19 @@ def statement_findings(block: Any) -> Iterator[Finding]:
         yield error_about(message, (name,), "rcp.solve refuses the model until then.")
 
 
-def foreign_findings(block: Any, kinds: tuple[Any, ...] = (Constraint, Objective, *PAIR_TYPES)) -> Iterator[Finding]:
-    """Components of some types that read free variables of another model."""
+def foreign_findings(block: Any, rows_of_each: int | None = None) -> Iterator[Finding]:
+    """Components that read free variables of another model.
+
+    Parameters
+    ----------
+    block : Block
+    rows_of_each : int, optional
+        How many rows or pairs of each component are looked at, and no objectives, which are one long row; all by
+        default.
+    """
+    kinds = (Constraint, *PAIR_TYPES) if rows_of_each is not None else (Constraint, Objective, *PAIR_TYPES)
     for component in block.component_objects(kinds, active=True, descend_into=Block):
-        rows = (row for row in component.values() if row.active)
+        rows = islice((row for row in component.values() if row.active), rows_of_each)
         read = variables_in_any(chain.from_iterable(map(sides_of, rows))).values()
         foreign = foreign_variable(block, (variable for variable in read if not variable.fixed))
         if foreign is not None:
