@@ -86,10 +86,12 @@ def derivatives(
     free = constraints.free
     solve, _, jacobian = _kkt(constraints, x, active, multipliers)
     hessian = constraints.hessian(x, active, multipliers)
-    right = scipy.sparse.vstack([hessian[free][:, parameters], jacobian[:, parameters]])
+    # One parameter after the other, as thousands of them take room.
+    right = scipy.sparse.vstack([hessian[free][:, parameters], jacobian[:, parameters]], format="csc")
     moved = np.zeros((nlp.n, parameters.size))
-    moved[free] = -solve(right.toarray())[: free.size]
-    moved[parameters, np.arange(parameters.size)] = 1.0
+    for place, parameter in enumerate(parameters.tolist()):
+        moved[free, place] = -solve(right[:, [place]].toarray().ravel())[: free.size]
+        moved[parameter, place] = 1.0
     _check_strict(constraints, x, active, multipliers, moved)
     # The envelope theorem: only what a parameter does to the Lagrangian by itself counts.
     objective = (nlp.gradient(x) + jacobian.T @ multipliers)[parameters]
@@ -202,7 +204,9 @@ def _check_strict(
     """Refuse a point where it is in doubt which inequalities are active, or where active constraints move apart."""
     jacobian = constraints.jacobian(x)
     # What is met with equality and stays so says nothing new, as a bound of a side that is held at zero.
-    leaves = (np.abs(jacobian @ moved) > 1e-6 * np.maximum(1.0, abs(jacobian) @ np.abs(moved))).any(axis=1)
+    leaves = np.zeros(constraints.lower.size, dtype=bool)
+    for direction in moved.T:
+        leaves |= np.abs(jacobian @ direction) > 1e-6 * np.maximum(1.0, abs(jacobian) @ np.abs(direction))
     apart = active[leaves[active]]
     if apart.size:
         raise EvaluationError(
