@@ -30,15 +30,19 @@ from .linearised_rows import Equations, equilibrate
 FREE_AN_END = "Remove an equation, or free an initial or final value."
 
 
-def appearance_findings(block: Any, known: set[str]) -> Iterator[Finding]:
-    """Variables in no row, pair or objective; `known` names are left out."""
+def appearance_findings(block: Any) -> Iterator[Finding]:
+    """Variables in no row, pair or objective, beside controls and algebraics, which `PhaseBlock.check` looks for."""
     kinds = (Constraint, Objective, *PAIR_TYPES)
     rows = block.model().component_data_objects(kinds, active=True, descend_into=Block)
     seen = variables_in_any(chain.from_iterable(map(sides_of, rows)))
+    signals = (
+        (phase, phase.record.nodes(name)) for phase in phases_of(block) for name in phase.record.names_of_signals
+    )
+    checked = {id(phase.component(nodes.component)) for phase, nodes in signals}
     lost = [
         data
         for data in block.component_data_objects(Var, active=True, descend_into=Block)
-        if id(data) not in seen and not data.fixed and data.parent_component().name not in known
+        if not (id(data) in seen or data.fixed or id(data.parent_component()) in checked)
     ]
     if lost:
         yield warning_about(

@@ -34,7 +34,6 @@ from .values import (
     boundary_findings,
     decided_findings,
     discretised_start_findings,
-    parameter_findings,
     undefined_findings,
 )
 
@@ -67,8 +66,7 @@ def diagnose(model: Any) -> Diagnosis:
     phases = phases_of(model)
     remarks: list[str] = []
     equations = Equations(model)
-    findings = [*shared_findings(model), *start_findings(model, remarks)]
-    findings += [*statement_findings(model), *misplaced_findings(model)]
+    findings = [*shared_findings(model), *start_findings(model, remarks), *statement_findings(model)]
     if model is model.model():  # what solves a part of it may have its objective elsewhere
         findings += objective_findings(model)
         if without := without_objective(model):
@@ -78,8 +76,7 @@ def diagnose(model: Any) -> Diagnosis:
     missing = sorted({data.parent_component().name for data in variables if data.value is None})
     if missing:
         remarks.append(f"rows that hold a variable without a value: {', '.join(missing)}")
-    findings += [*parameter_findings(model), *undefined_findings(model), *decided_findings(model)]
-    findings += appearance_findings(model, {name for finding in findings for name in finding.components})
+    findings += [*undefined_findings(model), *decided_findings(model), *appearance_findings(model)]
     findings += [*excess_findings(model, equations)] or [*dependence_findings(model, equations)]
     findings += unit_findings(model)
     counted = phases if len(phases) == 1 and phases[0] is model else [*phases, model]
@@ -96,6 +93,7 @@ def shared_findings(model: Any, rows_of_each: int | None = None) -> Iterator[Fin
     rows_of_each : int, optional
         How many rows of each component are looked at for variables of another model; all by default.
     """
+    yield from misplaced_findings(model)
     yield from scaled_pair_findings(model)
     yield from unfinished_findings(model)
     yield from foreign_findings(model, rows_of_each)
@@ -138,7 +136,7 @@ def doubts_before_solve(model: Any) -> tuple[Finding, ...]:
     """
     # One row tells of most components; a variable that is met elsewhere is refused when the model is compiled.
     contradictions = [*bound_findings(model), *start_findings(model, [])]
-    findings = [*misplaced_findings(model), *shared_findings(model, rows_of_each=1)]
+    findings = [*shared_findings(model, rows_of_each=1)]
     for phase in phases_of(model):
         # Where some variables have no units, units are no more than labels.
         declarations = phase.record.declarations.values()
@@ -177,14 +175,6 @@ def structural_findings(phase: Any) -> Iterator[Finding]:
             "It was allowed; expect less accurate algebraics." if allowed else HIGHER_INDEX_REMEDY,
         )
         return
-    leftover = next((point for point in structures if point.leftover_rows), None)
-    if leftover is not None:
-        yield warning_about(
-            f"phase '{phase.name}': at t = {leftover.time:g} {quoted(leftover.leftover_rows)} can determine "
-            "controls only.",
-            _names(phase, leftover.leftover_rows),
-            "Declare as Algebraic what an equation determines, or state the equation as a 'constraint'.",
-        )
     # Without rows and helpers there is nothing to look at: a structure that is square by rows alone is fine.
     short = next((point for point in structures if point.of_rows.unmatched_columns and point.undetermined), None)
     if short is not None:

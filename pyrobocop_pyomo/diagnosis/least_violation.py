@@ -40,7 +40,7 @@ SHOWN = 5
 STANDS_AGAINST = "What stands against it, of which at least one must give way:"
 
 
-class ObstructingData(NamedTuple):
+class Obstructing(NamedTuple):
     """One bound, fixed value or row that has a multiplier.
 
     Attributes
@@ -59,6 +59,17 @@ class ObstructingData(NamedTuple):
     sign: str
     value: float
     influence: float
+
+    @property
+    def group(self) -> Hashable:
+        """What is named together: a separation, rows of a component, bounds of one side, or the same fixed values."""
+        separation = None if self.sign else separation_of(self.data)
+        return separation or (id(self.data.parent_component()), self.sign, self.value if self.sign == "=" else None)
+
+    @property
+    def is_of_a_pair(self) -> bool:
+        """Whether it is a side of a pair, which has to be at zero."""
+        return not self.sign and self.data.ctype in PAIR_TYPES
 
 
 @dataclass(frozen=True)
@@ -152,10 +163,9 @@ class ViolatedRows(LinearisedRows):
         fixed = np.array([variable.fixed for variable in self.variables], dtype=bool)
         bounds = [(v.value, v.value) if v.fixed else v.bounds for v in self.variables]
         lower, upper = np.array([*((row.lower, row.upper) for row in rows), *bounds], dtype=float).reshape(-1, 2).T
-        values = np.array([number_or_nan(row.body) for row in rows])
         jacobian = self.jacobian
         jacobian.data[np.isnan(jacobian.data) & fixed[jacobian.indices]] = 0.0
-        here = np.concatenate([values, self._x])
+        here = np.concatenate([[number_or_nan(row.body) for row in rows], self._x])
         # Beside larger numbers rounding would be taken for a violation.
         self.is_finite = bool(np.isfinite(jacobian.data).all() and (np.spacing(np.abs(here)) <= MET).all())
         # From the value of each down to its lower and up to its upper bound.
@@ -209,20 +219,19 @@ class ViolatedRows(LinearisedRows):
             Infinite where that is not enough; None where the linear program did not end.
         """
         giving, n = set(map(id, parts)), self._x.size
-        held = [id(part) in giving and not getattr(part, "fixed", False) for part in self._parts]
-        gives = np.array(held, dtype=float)[:, None]
+        gives = [[float(id(part) in giving and not getattr(part, "fixed", False))] for part in self._parts]
         program = LinearProgram(
             np.append(np.zeros(n), 1.0),
             np.append(np.full(n, -np.inf), 0.0),
             np.full(n + 1, np.inf),
             [
                 (scipy.sparse.hstack([self._matrix, gives], format="csr"), self._to_lower, np.inf),
-                (scipy.sparse.hstack([self._matrix, -gives], format="csr"), -np.inf, self._to_upper),
+                (scipy.sparse.hstack([self._matrix, np.negative(gives)], format="csr"), -np.inf, self._to_upper),
             ],
         )
         answer = program.solve(deadline)
         if answer.status is LinearStatus.INFEASIBLE:
-            return float("inf")
+            return math.inf
         return None if answer.x is None else float(answer.x[-1])
 
     def put(self, change: Array | float = 0.0) -> None:
@@ -230,20 +239,20 @@ class ViolatedRows(LinearisedRows):
         n = self._x.size
         put_values(self.variables, (self._x + np.clip(change, self._to_lower[-n:], self._to_upper[-n:])).tolist())
 
-    def obstructing(self, multipliers: Array) -> Iterator[ObstructingData]:
+    def obstructing(self, multipliers: Array) -> Iterator[Obstructing]:
         """What has a multiplier: rows, bounds, and values that are fixed."""
-        sides = {id(row.body) for row in self.rows if row.data.parent_component().ctype in PAIR_TYPES}
+        sides = {id(row.body) for row in self.rows if row.data.ctype in PAIR_TYPES}
         influences = np.abs(multipliers) * np.concatenate([1.0 / self.weights, self.sizes])
         for k in np.flatnonzero(influences > MET).tolist():
             part, influence = self._parts[k], float(influences[k])
             if k < len(self.rows):
-                yield ObstructingData(part, "", 0.0, influence)
+                yield Obstructing(part, "", 0.0, influence)
             elif part.fixed:
-                yield ObstructingData(part, "=", float(part.value), influence)
+                yield Obstructing(part, "=", float(part.value), influence)
             elif multipliers[k] < 0.0:
-                yield ObstructingData(part, "<=", float(part.ub), influence)
+                yield Obstructing(part, "<=", float(part.ub), influence)
             elif part.lb != 0.0 or id(part) not in sides:
-                yield ObstructingData(part, ">=", float(part.lb), influence)
+                yield Obstructing(part, ">=", float(part.lb), influence)
 
 
 class Least(enum.Enum):
@@ -433,71 +442,57 @@ def _descended(at: ViolatedRows, has_pairs: bool, deadline: Deadline) -> LeastVi
 
 
 def _relief(
-    at: ViolatedRows, obstruction: Obstruction, data: Sequence[ObstructingData], deadline: Deadline
+    at: ViolatedRows, obstruction: Obstruction, group: Sequence[Obstructing], deadline: Deadline
 ) -> float | None:
     """How far an obstruction has to give way alone, by the slopes here; None for fixed values and pairs."""
-    component = data[0].data.parent_component()
-    if obstruction.is_fixed or component.ctype in PAIR_TYPES:
+    first, component = group[0], group[0].data.parent_component()
+    if obstruction.is_fixed or first.is_of_a_pair:
         return None
-    is_whole = bool(obstruction.limit) and obstruction.name == component.name
-    amount = at.least_widening(component.values() if is_whole else [one.data for one in data], deadline)
+    is_whole = bool(first.sign) and obstruction.name == component.name
+    amount = at.least_widening(component.values() if is_whole else [one.data for one in group], deadline)
     return None if amount is None or amount <= MET else amount
 
 
-def grouped(data: Iterable[ObstructingData]) -> list[tuple[Obstruction, list[ObstructingData]]]:
+def grouped(obstructing: Iterable[Obstructing]) -> list[tuple[Obstruction, list[Obstructing]]]:
     """Obstructions by component and side: bounds, rows, pairs, fixed values, the most influential of each first.
 
     Equations of phases carry what is required at one time to the next: they are left out wherever there is anything
     else.
     """
-    groups: dict[Hashable, list[ObstructingData]] = {}
-    for one in data:
-        groups.setdefault(_label(one), []).append(one)
+    groups: dict[Hashable, list[Obstructing]] = {}
+    for one in obstructing:
+        groups.setdefault(one.group, []).append(one)
     stated = [some for some in groups.values() if some[0].sign or not is_equation_of_a_phase(some[0].data)]
-    named = [(_obstruction(some), some) for some in stated or groups.values()]
 
-    def rank(each: tuple[Obstruction, list[ObstructingData]]) -> tuple[bool, bool, bool, float]:
+    def rank(some: list[Obstructing]) -> tuple[bool, bool, bool, float]:
         # A bound is a number that can be widened. Ends are fixed, and contact is stated, in almost every problem.
-        obstruction, (first, *_) = each
-        of_pairs = first.data.parent_component().ctype in PAIR_TYPES
-        return obstruction.is_fixed, of_pairs, not first.sign, -obstruction.influence
+        first = some[0]
+        return first.sign == "=", first.is_of_a_pair, not first.sign, -sum(one.influence for one in some)
 
-    return sorted(named, key=rank)
-
-
-def _label(one: ObstructingData) -> Hashable:
-    if not one.sign and (separation := separation_of(one.data)) is not None:
-        return separation[:3]
-    return id(one.data.parent_component()), one.sign, one.value if one.sign == "=" else None
+    return [(_obstruction(some), some) for some in sorted(stated or groups.values(), key=rank)]
 
 
-def _obstruction(some: list[ObstructingData]) -> Obstruction:
+def _obstruction(some: list[Obstructing]) -> Obstruction:
     influence, first, component = sum(one.influence for one in some), some[0], some[0].data.parent_component()
-    separations = [] if first.sign else [found for one in some if (found := separation_of(one.data)) is not None]
-    if separations:
-        block, one_shape, other_shape, _ = separations[0]
-        span = _span([start for *_, start in separations])
-        return Obstruction(
-            block, f"the clearance between '{one_shape}' and '{other_shape}' of '{block}' {span}", influence
-        )
+    times = [time for time in (time_of(one.data) for one in some) if time is not None]
+    at_times = _span(times) if times else ""
+    if not first.sign and (separation := separation_of(first.data)) is not None:
+        block, one_shape, other_shape = separation
+        words = f"the clearance between '{one_shape}' and '{other_shape}' of '{block}' {at_times}"
+        return Obstruction(block, words, influence)
     if len(some) == 1 and not first.sign:
         return Obstruction(first.data.name, place_in_words(first.data), influence)
-    times = [time for time in (time_of(one.data) for one in some) if time is not None]
     name = first.data.name if len(some) == 1 else component.name
-    kind = "" if first.sign else "pairs of " if component.ctype in PAIR_TYPES else "constraint "
-    limit = _bound(some) if first.sign else ""
-    words = " ".join([f"{kind}'{component.name if times else name}'", *filter(None, [limit])])
-    if len(some) > 1:
-        words += f" at {len(some)} of {len(component)} {'points,' if times else 'indices'}"
-    return Obstruction(name, f"{words} {_span(times)}" if times else words, influence, limit)
+    kind = "" if first.sign else "pairs of " if first.is_of_a_pair else "constraint "
+    values = [one.value for one in some]
+    limit = f"{'fixed at' if first.sign == '=' else first.sign} {min(values):.6g}" if first.sign else ""
+    if min(values) != max(values):
+        limit += f" .. {max(values):.6g}"
+    words = f"{kind}'{component.name if times else name}'"
+    several = f"at {len(some)} of {len(component)} {'points,' if times else 'indices'}" if len(some) > 1 else ""
+    return Obstruction(name, " ".join(filter(None, [words, limit, several, at_times])), influence, limit)
 
 
 def _span(times: list[float]) -> str:
     first, last = min(times), max(times)
     return f"at t = {first:g}" if first == last else f"t = {first:g} to {last:g}"
-
-
-def _bound(some: list[ObstructingData]) -> str:
-    sign, values = some[0].sign, [one.value for one in some]
-    least, most = min(values), max(values)
-    return f"{'fixed at' if sign == '=' else sign} {least:.6g}" + ("" if least == most else f" .. {most:.6g}")

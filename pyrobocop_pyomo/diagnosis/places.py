@@ -23,8 +23,8 @@ def place_in_words(data: Any) -> str:
     """
     time, component, separation = time_of(data), data.parent_component(), separation_of(data)
     if separation is not None:
-        block, one, other, start = separation
-        return f"clearance between '{one}' and '{other}' of '{block}' from t = {start:g} on ('{component.local_name}')"
+        block, one, other = separation
+        return f"clearance between '{one}' and '{other}' of '{block}' from t = {time:g} on ('{component.local_name}')"
     if time is None:
         return f"{_kind(component)} '{data.name}'"
     phase = data.parent_block()
@@ -36,17 +36,11 @@ def place_in_words(data: Any) -> str:
     return f"{_kind(component)} '{component.name}'{index}{at_time(phase, time)}"
 
 
-def separation_of(data: Any) -> tuple[str, str, str, float] | None:
-    """Name of the avoidance block, of both shapes, and the start of the segment of motion; None for other rows."""
+def separation_of(data: Any) -> tuple[str, str, str] | None:
+    """Name of the avoidance block, and of both shapes that a row keeps apart; None for other rows."""
     block, index = data.parent_block(), data.index()
-    if (
-        not isinstance(block, ObstacleAvoidanceBlockData)
-        or not isinstance(index, tuple)
-        or index[:3] not in (block.separations)
-    ):
-        return None
-    one, other, start = index[:3]
-    return block.name, str(one), str(other), float(start)
+    is_one = isinstance(block, ObstacleAvoidanceBlockData) and isinstance(index, tuple)
+    return (block.name, str(index[0]), str(index[1])) if is_one and index[:3] in block.separations else None
 
 
 def is_equation_of_a_phase(data: Any) -> bool:
@@ -68,7 +62,9 @@ def _kind(component: Any) -> str:
 
 
 def time_of(data: Any) -> float | None:
-    """The time of a component's data of a phase; None for others."""
+    """The time of a component's data of a phase, or where the segment of motion of a separation starts; else None."""
+    if separation_of(data) is not None:
+        return float(data.index()[2])
     if not isinstance(data.parent_block(), PhaseBlockData):
         return None
     index = data.index()

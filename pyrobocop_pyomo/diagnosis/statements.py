@@ -54,13 +54,6 @@ def statement_findings(block: Any) -> Iterator[Finding]:
             wrong.setdefault(source.parent_component().name, str(error))
     for name, message in wrong.items():
         yield error_about(message, (name,), "rcp.solve refuses the model until then.")
-    for phase in phases_of(block):
-        if not phase.record.names_of_states:
-            yield warning_about(
-                f"phase '{phase.name}' has no state: nothing connects its points in time.",
-                (phase.name,),
-                "Declare what has a derivative as State.",
-            )
 
 
 def foreign_findings(block: Any, rows_of_each: int | None = None) -> Iterator[Finding]:

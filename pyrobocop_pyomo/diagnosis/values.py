@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
@@ -11,14 +10,13 @@ from typing import Any
 from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
-from pyomo.core.base.param import Param
 from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.complementarity import canonical_form, generating_pairs, pairs_of
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
 from pyrobocop_pyomo.complementarity.relaxed_model import SIDES_HOLD
 from pyrobocop_pyomo.continuous.discretisation import discretisations_on
-from pyrobocop_pyomo.modeling.row_violations import bound_violation, number_or_nan, relation_violation
+from pyrobocop_pyomo.modeling.row_violations import bound_violation, relation_violation
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.modeling.undefined_values import UndefinedPart, undefined_part
 from pyrobocop_pyomo.numerics.rounding import MET
@@ -109,16 +107,6 @@ def undefined_findings(block: Any) -> Iterator[Finding]:
     for name, rows in found.items():
         message = f"no finite value or derivative at the initial guess: {rows[0]}{_and_more(len(rows), 'point')}."
         yield error_about(message, (name,), REMEDY)
-
-
-def parameter_findings(block: Any) -> Iterator[Finding]:
-    """Parameters that are no numbers."""
-    for component in block.component_objects(Param, active=True, descend_into=Block):
-        for index in component.sparse_keys():
-            number = number_or_nan(component[index], without=0.0)
-            if not math.isfinite(number):
-                name = component.name if index is None else f"{component.name}[{index}]"
-                yield error_about(f"parameter '{name}' is {number:g}.", (name,), "Give it a finite number.")
 
 
 def _and_more(count: int, noun: str) -> str:

@@ -142,34 +142,19 @@ class CaseSolver:
             When `solve` does not have an option, or there is no Ipopt: no case can be solved.
         """
         started, deadline = time.perf_counter(), deadline.within(limit)
+        found: dict[str, Any] = {}  # what was solved stays so where reading it fails
         try:
             state = self.put(case.data)
-            result, from_neighbour = self._solve(state, near, deadline)
-            values = state.read()
-            # What was solved stays so when reading it fails.
-            numbers, failure = self._numbers(result)
+            found["result"], from_neighbour = self._solve(state, near, deadline)
+            found["started_from"] = near[0] if from_neighbour and near is not None else None
+            found["values"] = state.read()
+            if self._read is not None:
+                found["numbers"] = plain_numbers(self._read(self._target, found["result"]))
         except (KeywordError, SolverNotFoundError):
             raise
         except Exception as error:  # whatever goes wrong with one case must not lose the others
-            seconds = time.perf_counter() - started
-            return Outcome(case=case, error=_in_a_line(error), seconds=seconds)
-        return Outcome(
-            case=case,
-            result=result,
-            error=failure,
-            numbers=numbers,
-            started_from=near[0] if from_neighbour and near is not None else None,
-            seconds=time.perf_counter() - started,
-            values=values,
-        )
-
-    def _numbers(self, result: SolveResult) -> tuple[Mapping[str, Any], str]:
-        if self._read is None:
-            return {}, ""
-        try:
-            return plain_numbers(self._read(self._target, result)), ""
-        except Exception as error:
-            return {}, f"read: {_in_a_line(error)}"
+            found["error"] = f"{'read: ' if 'values' in found else ''}{type(error).__name__}: {error}"
+        return Outcome(case=case, seconds=time.perf_counter() - started, **found)
 
     def _solve(
         self, state: ModelState, near: tuple[int, Values] | None, deadline: Deadline
@@ -226,15 +211,10 @@ def plain_numbers(found: Any) -> dict[str, Any]:
     """
     if not isinstance(found, Mapping):
         raise ModelError(f"read returned {type(found).__name__}; expected a mapping of names to numbers.")
-    plain: dict[str, Any] = {}
-    for name, number in found.items():
-        if isinstance(number, (bool, str)) or number is None:
-            plain[str(name)] = number
-        elif np.ndim(number) == 0:
-            plain[str(name)] = float(number)
-        else:
-            plain[str(name)] = np.asarray(number, dtype=float).tolist()
-    return plain
+    return {
+        str(name): number if number is None or isinstance(number, (bool, str)) else np.asarray(number, float).tolist()
+        for name, number in found.items()
+    }
 
 
 def _warm_possible(model: Any) -> bool:
@@ -242,10 +222,6 @@ def _warm_possible(model: Any) -> bool:
     if any(isinstance(block, (ContainmentData, ObstacleAvoidanceBlockData)) for block in model.block_data_objects()):
         return False
     return len(list(active_sources(model))) > 0 or not pairs_of(model)
-
-
-def _in_a_line(error: BaseException) -> str:
-    return f"{type(error).__name__}: {error}"
 
 
 def _is_certified(result: SolveResult) -> bool:

@@ -30,7 +30,7 @@ class MultistartResult(StudyResult):
     @property
     def reached(self) -> bool:
         """Whether the best point is optimal and, where there are obstacles, safe."""
-        return bool(self.outcomes) and self.outcomes[0].result is not None and self.outcomes[0].result.solved
+        return bool(self.outcomes) and self.outcomes[0].solved
 
 
 def multistart(

@@ -6,7 +6,7 @@ import json
 import os
 import zlib
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from pyrobocop_pyomo.solving.iterates import Iterate, Standing
 from .outcomes import Outcome
 from .sweep_cases import SweepCase
 
-_HEAD = {"kind": "outcomes of a sweep", "format": 2}
+_HEAD = {"kind": "outcomes of a sweep", "format": 3}
 
 
 class OutcomeFile:
@@ -59,13 +59,12 @@ class OutcomeFile:
         content = self._path.read_bytes()
         whole = content.rfind(b"\n") + 1
         try:
-            found, *lines = [_facts_of(line) for line in content[:whole].splitlines()] or [head]
+            found, *lines = map(_facts_of, content[:whole].splitlines())
             self.records = {line["key"]: line for line in lines}
         except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise TeamError(f"{self._path}: no outcomes of a sweep can be read from it ({error}).") from error
-        start = json.dumps(_HEAD).removesuffix("}").encode()
-        if not whole and not content.startswith(start[: len(content)]):
-            raise TeamError(f"{self._path}: is no file of outcomes. Name another file.")
+            raise TeamError(
+                f"{self._path}: no outcomes of a sweep can be read from it ({error}). Name another file, or remove it."
+            ) from error
         different = [name for name in {**found, **head} if found.get(name) != head.get(name)]
         if different:
             raise TeamError(
@@ -75,8 +74,6 @@ class OutcomeFile:
         if whole < len(content):
             with self._path.open("rb+") as file:
                 file.truncate(whole)
-        if not whole:
-            self._append(head)
 
     def append(self, key: str, record: Mapping[str, Any]) -> None:
         """Write the outcome of a case."""
@@ -104,45 +101,49 @@ def _facts_of(line: bytes) -> dict[str, Any]:
     return facts
 
 
-_OF_OUTCOME = ("error", "seconds", "numbers", "started_from")
-_OF_RESULT = ("name", "decided_pairs", "solver", "derivatives", "checking_seconds", "seconds")
-_OF_BEST = ("label", "delta", "mu", "iterations", "seconds", "objective", "constraint_violation", "largest_product",
-            "largest_natural_residual", "strategy", "number", "stationarity")  # fmt: skip
+_OF_OUTCOME = ("error", "seconds", "numbers", "started_from", "values")
+_WORDS = {"stop_reason": StopReason, "quality": Quality, "certificate": Certificate}
 
 
 def outcome_to_json(outcome: Outcome) -> dict[str, Any]:
-    """What a file keeps of an outcome: of its result everything but steps, pairs and multipliers."""
+    """What a file keeps of an outcome: of its result numbers and words, without steps, pairs and multipliers."""
     result = outcome.result
     return {
         "name": outcome.name,
+        "told": outcome.reason,
         **{name: getattr(outcome, name) for name in _OF_OUTCOME},
-        "values": [None if value is None else float(value) for value in outcome.values],
         "result": result
         and {
-            **{name: getattr(result, name) for name in _OF_RESULT},
-            **{name: getattr(result, name).name for name in ("stop_reason", "quality", "certificate")},
+            **_plain(result),
             "iterations": result.iterations,
-            "best": {name: getattr(result.best, name) for name in _OF_BEST},
-            "standing": asdict(result.standing),
+            "best": _plain(result.best),
+            "standing": _plain(result.standing),
         },
     }
 
 
 def outcome_from_json(case: SweepCase, facts: Mapping[str, Any]) -> Outcome:
-    """The outcome of a case again; one step stands for all."""
-    kept = {name: facts[name] for name in (*_OF_OUTCOME, "values")}
-    return Outcome(case=case, result=facts["result"] and _result_from_json(facts["result"]), **kept)
+    """The outcome of a case again; one step stands for all of its result."""
+    kept = {name: facts[name] for name in (*_OF_OUTCOME, "told")}
+    if facts["result"] is None:
+        return Outcome(case=case, **kept)
+    of_result, best = _with_words(facts["result"]), _with_words(facts["result"]["best"])
+    standing, iterations = Standing(**of_result.pop("standing")), of_result.pop("iterations")
+    steps = [Iterate("all steps", iterations=iterations, seconds=of_result["seconds"])]
+    further = {"residuals": [], "steps": steps, "standing": standing, "multipliers": None}
+    return Outcome(case=case, result=SolveResult(**{**of_result, **further, "best": Iterate(**best)}), **kept)
 
 
-def _result_from_json(facts: Mapping[str, Any]) -> SolveResult:
-    reason, certificate = StopReason[facts["stop_reason"]], Certificate[facts["certificate"]]
-    return SolveResult(
-        **{name: facts[name] for name in _OF_RESULT},
-        stop_reason=reason,
-        quality=Quality[facts["quality"]],
-        best=Iterate(status=None, stop_reason=reason, certificate=certificate, **facts["best"]),
-        multipliers=None,
-        residuals=[],
-        steps=[Iterate("all steps", None, None, None, facts["iterations"], facts["seconds"])],
-        standing=Standing(**facts["standing"]),
-    )
+def _plain(record: Any) -> dict[str, Any]:
+    """The fields of a dataclass that are words and numbers; of an enumeration the name."""
+    found = ((each.name, getattr(record, each.name)) for each in fields(record))
+    return {
+        name: field.name if name in _WORDS else field
+        for name, field in found
+        if name in _WORDS or isinstance(field, (bool, int, float, str))
+    }
+
+
+def _with_words(facts: Mapping[str, Any]) -> dict[str, Any]:
+    """The same fields, with members of enumerations."""
+    return {name: _WORDS[name][field] if name in _WORDS else field for name, field in facts.items()}

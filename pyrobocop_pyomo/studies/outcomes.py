@@ -42,6 +42,8 @@ class Outcome(Presented):
         What `read` gave.
     started_from : int or None
         Number of the case whose solution led to this one; None where it was solved from the initial guess.
+    told : str or None
+        Its `reason` as a file has it.
     """
 
     case: SweepCase
@@ -51,6 +53,7 @@ class Outcome(Presented):
     values: Values = field(default_factory=list, repr=False)
     numbers: Mapping[str, Any] = field(default_factory=dict)
     started_from: int | None = None
+    told: str | None = field(default=None, repr=False)
 
     @property
     def name(self) -> str:
@@ -83,23 +86,23 @@ class Outcome(Presented):
         return "" if self.result is None else self.result.certificate.name.lower()
 
     @property
-    def reason(self) -> str:
-        """Why there is no feasible point, or why it is not shown to be optimal; empty for an optimal point."""
-        if self.result is None:
-            return self.error
-        if self.result.solved:
-            return ""
-        stopped = self.result.stop_reason
-        if self.result.quality is Quality.OPTIMAL:
-            return "The motion is not proven to be safe."
-        return self.result.quality.value if stopped is StopReason.FINISHED else stopped.value
+    def solved(self) -> bool:
+        """True when the point is optimal and, where there are obstacles, the motion is clear of them."""
+        # What a file keeps of a result has no report of its safety.
+        return self.result is not None and self.result.solved and self.result.standing.shortfall == 0.0
 
     @property
-    def remark(self) -> str:
-        """The reason; of an optimal point what its mesh makes doubtful."""
-        mesh = None if self.result is None else self.result.errors_of_answer
-        if self.reason or mesh is None:
-            return self.reason
+    def reason(self) -> str:
+        """Why there is no feasible point, why it is no solution, or what its mesh makes doubtful; else empty."""
+        if self.told is not None:
+            return self.told
+        if self.result is None:
+            return self.error
+        stopped, mesh = self.result.stop_reason, self.result.errors_of_answer
+        if self.result.quality is not Quality.OPTIMAL:
+            return self.result.quality.value if stopped is StopReason.FINISHED else stopped.value
+        if not self.solved:
+            return "The motion is not proven to be safe."
         return f"COARSE MESH: {mesh.in_words()}" if mesh.is_large else "" if mesh.is_known else mesh.in_short()
 
     @property
@@ -115,7 +118,7 @@ class Outcome(Presented):
             "certificate": self.certificate,
             "iterations": self.iterations,
             "seconds": round(self.seconds, 2),
-            "reason": self.remark,
+            "reason": self.reason,
         }
 
     def _summary(self) -> str:
@@ -209,9 +212,7 @@ class StudyResult(Presented, Sequence[Outcome]):
     @property
     def failed(self) -> tuple[Outcome, ...]:
         """Outcomes of what was not solved, or whose numbers could not be read."""
-        return tuple(
-            outcome for outcome in self.outcomes if outcome.error or outcome.result is None or not outcome.result.solved
-        )
+        return tuple(outcome for outcome in self.outcomes if outcome.error or not outcome.solved)
 
     @property
     def iterations(self) -> int:
@@ -258,10 +259,10 @@ class StudyResult(Presented, Sequence[Outcome]):
         model = self._solver.model
         note_outcome(model, result.outcome)
         blocks = [*avoidance_blocks(model), *containments(model)]
-        if result.safety is None or not blocks:
+        if not blocks:
             return result
         # Margins and planes on the model are those of another case: the motion is judged again, as far as it was.
-        equations = PLAN_ALONE not in result.safety.not_replayed
+        equations = result.safety is None or PLAN_ALONE not in result.safety.not_replayed
         safety = joined_report(block.verify(equations=equations) for block in blocks)
         return replace(result, safety=safety, fingerprint=checksum_of_model(model))
 
@@ -302,7 +303,7 @@ class StudyResult(Presented, Sequence[Outcome]):
         return ranked(self.outcomes)
 
     def _summary(self) -> str:
-        solved = sum(outcome.result is not None and outcome.result.solved for outcome in self.outcomes)
+        solved = sum(outcome.solved for outcome in self.outcomes)
         count, left = len(self.outcomes), len(self.remaining)
         not_tried = f", {left} not tried" if left else ""
         doubtful = ", DOUBTFUL" if self.doubts else ""

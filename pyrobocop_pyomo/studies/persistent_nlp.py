@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -21,7 +20,7 @@ from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProg
 from pyrobocop_pyomo.programs.quadratic_cost import AddedQuadraticCost, QuadraticCost
 from pyrobocop_pyomo.programs.wrapped_programs import ShiftedRows
 from pyrobocop_pyomo.solving.ipopt_options import warm_start
-from pyrobocop_pyomo.solving.session import DeltaFollowsBarrier, OnIteration
+from pyrobocop_pyomo.solving.session import DeltaFollowsBarrier
 
 
 class PersistentNLP:
@@ -201,9 +200,7 @@ class PersistentNLP:
         mu: float = 1e-4,
         mu_target: float | None = None,
         time_limit: float | None = None,
-        tee: bool = False,
-        on_iteration: OnIteration | None = None,
-        moved: Callable[[FloatArray], FloatArray] | None = None,
+        start: FloatArray | None = None,
     ) -> IpoptOutcome:
         """Solve with the numbers that stand on the model now, and put the last point on it.
 
@@ -221,12 +218,8 @@ class PersistentNLP:
             With `barrier`, delta is what belongs to this parameter.
         time_limit : float, optional
             Seconds.
-        tee : bool
-            Show Ipopt's log.
-        on_iteration : callable, optional
-            Called with the record of each iteration; stops Ipopt by returning False.
-        moved : callable, optional
-            From the values that stand on the model, in the order of the program, to those to start from.
+        start : float array, optional
+            Values to start from instead, in the order of the program, after an `update`: numbers are not read again.
 
         Returns
         -------
@@ -240,31 +233,25 @@ class PersistentNLP:
         InfeasibleConstraintException
             When a row without free variables contradicts itself.
         """
-        self.update()  # also before the first solve: numbers may have changed since the model was prepared
-        here = self.compiled.nlp.x_start  # what stands on the model: the update has just read it
-        start = PrimalDualPoint(here if moved is None else moved(here))
+        if start is None:
+            self.update()  # also before the first solve: numbers may have changed since the model was prepared
+        good, here = self._goes_on_from if warm else None, self.compiled.nlp.x_start
         purpose: dict[str, Any] = {}
-        if warm and self._goes_on_from is not None:
-            start = replace(
-                self._goes_on_from, x=self._warm_values(self._goes_on_from, here) if moved is None else start.x
-            )
+        if good is None:
+            point = PrimalDualPoint(here if start is None else start)
+        else:
+            point = replace(good, x=self._warm_values(good, here) if start is None else start)
             purpose = warm_start(mu)
         if mu_target is not None:
             # Without damping: it would move the solution by 1e-5 mu, and Ipopt would end in steps that are too small.
             barrier_problem = {"mu_strategy": "monotone", "mu_init": mu_target, "mu_target": mu_target, "kappa_d": 0.0}
             purpose = {**purpose, **barrier_problem}
         resolved = self.options_of_run(purpose, options)
+        follow = None
         if self._shifted is not None and self.barrier is not None:
-            on_iteration = DeltaFollowsBarrier(self._shifted, self.barrier, resolved, on_iteration)
-        self.outcome = run_ipopt(
-            self.program,
-            resolved,
-            start,
-            deadline=Deadline.after(time_limit),
-            on_iteration=on_iteration,
-            output=[sys.stdout] if tee else [],
-            kept=self._kept,
-        )
+            follow = DeltaFollowsBarrier(self._shifted, self.barrier, resolved, None)
+        deadline = Deadline.after(time_limit)
+        self.outcome = run_ipopt(self.program, resolved, point, deadline=deadline, on_iteration=follow, kept=self._kept)
         stopped = self._go_on_after_limit and self.outcome.status is IpoptStatus.ITERATION_LIMIT
         usable = self.outcome.status.solved or stopped
         if usable and all(np.isfinite(values).all() for values in self.outcome.point.complete(self.program)):

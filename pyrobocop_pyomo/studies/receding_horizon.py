@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import time
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,17 +13,16 @@ from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.complementarity import active_sources
 from pyrobocop_pyomo.diagnosis.values import named_undefined_rows
-from pyrobocop_pyomo.errors import ComplementarityError, ModelError, PyRobocopError
-from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
+from pyrobocop_pyomo.errors import ComplementarityError, ModelError
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.motion.safety_report import SafetyReport, joined_report
-from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.obstacles import avoidance_blocks, containments
 from pyrobocop_pyomo.obstacles.initial_checks import warn_of_clocks_that_start_anew
 from pyrobocop_pyomo.phases import PhaseBlockData
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
 from pyrobocop_pyomo.presentation import Presented
-from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, PrimalDualPoint
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
 from pyrobocop_pyomo.solving.ipopt_options import ROUGH
 from pyrobocop_pyomo.solving.starts import defined_start
 from pyrobocop_pyomo.trajectories import Trajectory
@@ -35,9 +33,6 @@ from .persistent_nlp import PersistentNLP
 from .shifted_warm_start import PlaceInProgram, ShiftedPlan
 
 logger = logging.getLogger(__name__)
-
-# Where no branch near the relaxed solution has a solution, delta is divided by this, until it is so small.
-DELTA_DIVISOR, SMALLEST_DELTA = 10.0, 1e-7
 
 
 @dataclass(frozen=True)
@@ -144,11 +139,11 @@ class RecedingHorizon:
         warn_of_clocks_that_start_anew(blocks)
         self._verified = [*blocks, *containments(model)] if verify else []
         self._moved = ShiftedPlan(phase, self._values)
-        self.exact = ExactPairs(model, options or {}) if exact_pairs else None
         # Where the relaxed solution only shows the way, digits are wasted on it.
         self.program = PersistentNLP(model, {**(ROUGH if exact_pairs else {}), **(options or {})})
+        self.exact = ExactPairs(phase, self.program, options or {}) if exact_pairs else None
         self._made: tuple[FloatArray, FloatArray] | None = None  # the last exact plan, and the relaxed one beside it
-        self._place: PlaceInProgram | None = None
+        self._known_place: PlaceInProgram | None = None
 
     def step(
         self, state: Mapping[str, float], advance: float = 0.0, *, mu: float = 1e-4, time_limit: float | None = None
@@ -178,129 +173,55 @@ class RecedingHorizon:
         """
         started, deadline = time.perf_counter(), Deadline.after(time_limit)
         self._check(state, advance)
-        before: dict[str, Array] = {}
-        ahead = np.empty(0)
         starts = {name: self.phase.component(name)[self.phase.initial_time] for name in state}
         last = {name: variable.value for name, variable in starts.items()}
         for name, number in state.items():
             starts[name].set_value(float(number))
-
-        def later(x: FloatArray) -> tuple[dict[str, Array], FloatArray]:
-            """A plan that stood on the model in the last step, read later."""
-            place = self._place_in_program()
-            values = place.read(x)
-            if not advance:
-                return values, x
-            for name, number in last.items():
-                values[name][0] = number
-            values.update(self._moved.ahead(values, advance))
-            x = x.copy()
-            place.put(values, x)
-            return values, x
-
-        def moved(here: FloatArray) -> FloatArray:
-            """The last plan, as it was when it was made, later."""
-            nonlocal ahead
-            values, ahead = later(here)
-            before.update(values)
-            # The relaxed problem goes on from its own last solution, unless the values on the model were changed since.
-            known = self._made is not None and np.array_equal(here, self._made[0])
-            return later(self._made[1])[1] if self._made is not None and known else ahead
-
-        def solve(mu: float) -> IpoptOutcome:
-            target = None if self.exact is None else mu
-            return self.program.solve(mu=mu, mu_target=target, time_limit=seconds_left(deadline), moved=moved)
-
-        outcome = solve(mu)
-        remark = ""
-        if outcome.status is IpoptStatus.INVALID_NUMBER and self.program.state is None:
-            # Nothing was solved yet: the initial guess is at fault, such as states that are zero without one.
-            remark = defined_start(self.program.model)
-            if remark:
-                logger.info("phase '%s': %s", self.phase.name, remark)
-                outcome = solve(mu)
-            elif undefined := named_undefined_rows(self.program.model):
-                remark = f"The initial guess could not be evaluated: {undefined}. Give another by initialize()."
+        # States are zero without an initial guess, where an expression may have no value.
+        remark = defined_start(self.program.model) if self.program.outcome is None else ""
+        self.program.update()
+        here = self.program.compiled.nlp.x_start
+        ahead = self._ahead(here, last, advance)
+        # The relaxed problem goes on from its own last solution, unless the values on the model were changed since:
+        # from the exact plan, in which nothing acts across a gap, it would let go of what is held.
+        known = self._made is not None and np.array_equal(here, self._made[0])
+        start = self._ahead(self._made[1], last, advance) if self._made is not None and known else ahead
+        outcome = self.program.solve(
+            mu=mu, mu_target=None if self.exact is None else mu, time_limit=seconds_left(deadline), start=start
+        )
+        if outcome.status is IpoptStatus.INVALID_NUMBER and (undefined := named_undefined_rows(self.program.model)):
+            remark = f"The initial guess could not be evaluated: {undefined}. Give another by initialize()."
         natural, runs = None, [outcome]
         if self.exact is not None and outcome.status is not IpoptStatus.INVALID_NUMBER:
-            outcome, natural, runs = self._made_exact(self.exact, outcome, ahead, mu, deadline)
-        if outcome.status.solved:
-            found = self._place_in_program().read(outcome.x)
-        else:
-            self._values.set(before)
-            found = self._values.read()
+            relaxed, self._made = outcome, None
+            outcome, natural, runs = self.exact.made_exact(relaxed, ahead, mu, deadline)
+            if outcome.status.solved:
+                self.program.compiled.load_point(outcome.x)
+                self._made = outcome.x, relaxed.x if relaxed.status.solved else outcome.x
+        if not outcome.status.solved:
+            self.program.compiled.load_point(ahead)
+        found = self._place().read(outcome.x if outcome.status.solved else ahead)
         plan = self._values.trajectory(found, evaluate=False)
         safety = joined_report(block.verify() for block in self._verified) if self._verified else None
         seconds = time.perf_counter() - started
         iterations, ipopt_seconds = sum(run.iterations for run in runs), sum(run.seconds for run in runs)
         return HorizonStep(plan, outcome.status, iterations, seconds, ipopt_seconds, safety, remark, natural)
 
-    def _made_exact(
-        self, pairs: ExactPairs, relaxed: IpoptOutcome, ahead: FloatArray, mu: float, deadline: Deadline
-    ) -> tuple[IpoptOutcome, float | None, list[IpoptOutcome]]:
-        """The branch that one of several starts leads to, on the model, with its natural residual and all runs."""
-        compiled, usual, runs = self.program.compiled, pairs.relaxed.delta.value, [relaxed]
-        self._made = None
-        try:
-            for start in self._starts(pairs, relaxed, ahead, mu, runs, deadline):
-                outcome, natural, tried = pairs.solve(compiled, start, deadline)
-                runs += tried
-                if outcome.status.solved or outcome.status is IpoptStatus.INTERRUPTED or deadline.has_passed:
-                    break
-        finally:
-            pairs.relaxed.delta.set_value(usual)
-        if not outcome.status.solved:
-            return outcome, None, runs
-        compiled.load_point(outcome.x)
-        self._made = outcome.x, relaxed.x if relaxed.status.solved else outcome.x
-        return outcome, natural, runs
+    def _ahead(self, x: FloatArray, last: Mapping[str, Any], advance: float) -> FloatArray:
+        """A plan that stood on the model in the last step, from these states on, read later."""
+        x = x.copy()
+        if advance:
+            place = self._place()
+            values = place.read(x)
+            for name, number in last.items():
+                values[name][0] = number
+            place.put(self._moved.ahead(values, advance), x)
+        return x
 
-    def _starts(
-        self,
-        pairs: ExactPairs,
-        relaxed: IpoptOutcome,
-        ahead: FloatArray,
-        mu: float,
-        runs: list[IpoptOutcome],
-        deadline: Deadline,
-    ) -> Iterator[PrimalDualPoint]:
-        """The relaxed solution, the last plan, a simulation of its controls, relaxed solutions of smaller delta.
-
-        A large delta keeps the relaxed problem smooth, but where a plan has to change a lot, forces that act across
-        small gaps lead to branches without a solution: then delta becomes smaller, as it does from a cold start. A
-        simulation meets rows and pairs wherever there is no other limit, so that its branch has a solution.
-        """
-        if relaxed.status.solved:
-            yield relaxed.point
-        yield replace(relaxed.point, x=ahead)
-        if not relaxed.status.solved:
-            yield from self._simulated(pairs, ahead)
-        while (smaller := pairs.relaxed.delta.value / DELTA_DIVISOR) >= SMALLEST_DELTA:
-            pairs.relaxed.delta.set_value(smaller)
-            target = min(mu, smaller)
-            rough = self.program.solve(mu=target, mu_target=target, time_limit=seconds_left(deadline))
-            runs.append(rough)
-            yield rough.point
-        if relaxed.status.solved:
-            yield from self._simulated(pairs, ahead)
-
-    def _simulated(self, pairs: ExactPairs, ahead: FloatArray) -> Iterator[PrimalDualPoint]:
-        """What the controls of a plan do from the measured state; nothing where that cannot be found."""
-        compiled = self.program.compiled
-        compiled.load_point(ahead)
-        found = None
-        with contextlib.suppress(PyRobocopError), pairs.stated():
-            self.phase.initialize(self.phase.simulate(method="scheme"))
-            pairs.relaxed.start_lifted()
-            found = compiled.current_point()
-        if found is not None:
-            zeros = np.zeros(compiled.nlp.n)
-            yield PrimalDualPoint(found, np.zeros(compiled.nlp.m), zeros, zeros)
-
-    def _place_in_program(self) -> PlaceInProgram:
-        if self._place is None or self._place.variables is not self.program.compiled.variables:
-            self._place = PlaceInProgram(self._values, self.program.compiled.variables)
-        return self._place
+    def _place(self) -> PlaceInProgram:
+        if self._known_place is None or self._known_place.variables is not self.program.compiled.variables:
+            self._known_place = PlaceInProgram(self._values, self.program.compiled.variables)
+        return self._known_place
 
     def _check(self, state: Mapping[str, float], advance: float) -> None:
         what = f"phase '{self.phase.name}'"

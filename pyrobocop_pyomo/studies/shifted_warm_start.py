@@ -94,12 +94,10 @@ class PlaceInProgram:
         self.variables = variables
         column_of = {id(variable): column for column, variable in enumerate(variables)}
         self.columns: dict[str, NDArray[np.intp]] = {}
-        self._names: dict[str, tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], list[Any]]] = {}
+        self._others: dict[str, list[Any]] = {}
         for name, own in values.variables.items():
-            columns = np.array([column_of.get(id(variable), -1) for variable in own], dtype=np.intp)
-            self.columns[name] = columns
-            free, given = np.flatnonzero(columns >= 0), np.flatnonzero(columns < 0)
-            self._names[name] = columns[free], free, given, [own[i] for i in given.tolist()]
+            self.columns[name] = np.array([column_of.get(id(variable), -1) for variable in own], dtype=np.intp)
+            self._others[name] = [variable for variable in own if id(variable) not in column_of]
 
     def read(self, x: FloatArray) -> dict[str, Array]:
         """The values of the phase at a point of the program; what is no variable of it is read from the model.
@@ -110,19 +108,19 @@ class PlaceInProgram:
             When that has no value.
         """
         found = {}
-        for name, (columns, free, given, others) in self._names.items():
-            numbers = np.empty(free.size + given.size)
-            numbers[free] = x[columns]
-            if others:
-                numbers[given] = read_values(others)
+        for name, columns in self.columns.items():
+            numbers = x[columns]
+            if others := self._others[name]:
+                numbers[columns < 0] = read_values(others)
             found[name] = numbers
         return found
 
     def put(self, values: Mapping[str, Array], x: FloatArray) -> None:
         """Put values of the phase into a point; what is no variable of the program, and not fixed, into the model."""
         for name, numbers in values.items():
-            columns, free, given, others = self._names[name]
-            x[columns] = numbers[free]
-            for variable, number in zip(others, numbers[given].tolist(), strict=True):
+            columns = self.columns[name]
+            is_free = columns >= 0
+            x[columns[is_free]] = numbers[is_free]
+            for variable, number in zip(self._others[name], numbers[~is_free].tolist(), strict=True):
                 if not variable.fixed:
                     variable.set_value(number, skip_validation=True)

@@ -126,13 +126,14 @@ def sweep(
                 local.put(case.data)  # refuses what does not fit before anything is solved
             local.close()
             study.doubts = doubts_on_cases(model, [case.data for case in listed])
-        if running is None:
-            assert local is not None
-            study.run(lambda: local.solve, None)
-        else:
+        if running is not None:
             for label, sent in {"the model": model, "put": put, "read": read, "the options": options}.items():
                 packed(label, sent, "workers=1")
-            study.run(partial(_solving, model, put, read, options), running)
+        elsewhere: Make = partial(_solving, model, put, read, options)
+        make = elsewhere if local is None or running is not None else lambda: local.solve
+        run_tasks(
+            study.tasks(), study.take, make=make, engine=running, most=len(listed), deadline=study.deadline,
+        )  # fmt: skip
     finally:
         if local is not None:
             local.close()
@@ -184,13 +185,7 @@ class _Sweep:
             parent = self.parents[parent]
         return None
 
-    def run(self, make: Make, engine: Engine | None) -> None:
-        """Solve each case as soon as its neighbour is done, until all is done, the time is over or Ctrl-C comes."""
-        run_tasks(
-            self._tasks(), self._take, make=make, engine=engine, most=len(self.cases), deadline=self.deadline,
-        )  # fmt: skip
-
-    def _tasks(self) -> list[Task]:
+    def tasks(self) -> list[Task]:
         """Cases that are not begun, and whose neighbour is done."""
         ready = [
             number
@@ -200,7 +195,7 @@ class _Sweep:
         self._begun.update(ready)
         return [Task(number, (self.cases[number], self._near(number), self.limit)) for number in ready]
 
-    def _take(self, number: int, outcome: Outcome | None) -> list[Task] | None:
+    def take(self, number: int, outcome: Outcome | None) -> list[Task] | None:
         """Keep an outcome."""
         outcome = outcome or Outcome(case=self.cases[number], error=GIVEN_UP)
         self.done[outcome.case.number] = outcome
@@ -212,10 +207,10 @@ class _Sweep:
         if outcome.error or not outcome.feasible:
             self.progress.line(f"{outcome.name}: {outcome.verdict}, {outcome.reason}")
         elapsed = time.perf_counter() - self._started
-        failures = sum(1 for each in self.done.values() if each.result is None or not each.result.solved)
+        failures = sum(not each.solved for each in self.done.values())
         left = elapsed / done * (count - done)
         self.progress.live(f"{done}/{count} cases, {failures} not solved, {elapsed:.0f} s, about {left:.0f} s left")
-        return None if interrupted else self._tasks()
+        return None if interrupted else self.tasks()
 
     def result(self, name: str, solver: CaseSolver | None) -> StudyResult:
         """What was found."""

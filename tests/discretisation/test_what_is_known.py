@@ -30,7 +30,7 @@ def shown(result: Any) -> list[str]:
         result._repr_html_(),
         result.one_line(),
         repr(outcome),
-        outcome.remark,
+        outcome.reason,
     ]
 
 

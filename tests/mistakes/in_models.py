@@ -6,7 +6,7 @@ import pyomo.environ as pyo
 
 import pyrobocop_pyomo as rcp
 
-from .entries import diagnosed, driven, effort
+from .entries import diagnosed, driven
 
 NAN, INF = float("nan"), float("inf")
 
@@ -49,14 +49,6 @@ def an_index_of_three(m: Any, followed: bool) -> None:
 @diagnosed("phase 'swing': the index is higher than 1 .* 'rod'", "swing.rod", None)
 def a_higher_index_that_was_allowed(m: Any, followed: bool) -> None:
     pendulum(m, followed, allow_higher_index=True)
-
-
-@diagnosed("'feedback' can determine controls only", "p.feedback", pushed)
-def an_equation_that_determines_a_control(b: Any, followed: bool) -> None:
-    b.z = rcp.Algebraic(bounds=(0, None))
-    b.residual(lambda b, t: (b.z[t] if followed else b.u[t]) == -b.x[t], name="feedback")
-    if not followed:
-        b.complementarity(lambda b, t: rcp.complements(b.x[t] + 1 >= 0, b.z[t] >= 0), name="stop")
 
 
 @diagnosed("no equation and no pair is left to determine 'z'", "p.z", pushed)
@@ -123,11 +115,6 @@ def a_root_of_zero(b: Any, followed: bool) -> None:
     b.residual(lambda b, t: pyo.sqrt(b.z[t]) == b.x[t], name="speed")
 
 
-@diagnosed(r"parameter 'table\[2\]' is nan", "table[2]", pushed)
-def a_hole_in_a_table(b: Any, followed: bool) -> None:
-    b.model().table = pyo.Param([1, 2, 3], initialize={1: 0.0, 2: 0.5 if followed else NAN, 3: 1.0}, mutable=True)
-
-
 @diagnosed("'p.fast': .*not consistent", "p.fast", None)
 def units_that_do_not_match(m: Any, followed: bool) -> None:
     u = pyo.units
@@ -150,16 +137,6 @@ def a_discrete_variable(b: Any, followed: bool) -> None:
 def a_complementary_side_with_two_bounds(b: Any, followed: bool) -> None:
     b.z = rcp.Algebraic(bounds=(0, None))
     b.complementarity(lambda b, t: rcp.complements(b.u[t] >= -1 if followed else b.u[t], b.z[t]), name="contact")
-
-
-@diagnosed("phase 'p' has no state", "p", None)
-def a_phase_without_a_state(m: Any, followed: bool) -> None:
-    m.p = rcp.PhaseBlock(elements=2)
-    m.p.u = rcp.Control()
-    if followed:
-        m.p.x = rcp.State(initial=0)
-        m.p.ode(lambda b, t: {b.x: b.u[t]})
-    m.cost = pyo.Objective(expr=m.p.integral(effort))
 
 
 @diagnosed("1 variables are in no active row.* example 'slack'", "slack", pushed)

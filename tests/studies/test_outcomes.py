@@ -1,13 +1,18 @@
 """What studies give back agrees: `best`, `result`, `reached`, `remaining`, the table and the data frame."""
 
+import json
+from dataclasses import replace
 from typing import Any
 
 import pyomo.environ as pyo
 import pytest
 from harness.phases import integrator
+from harness.safety_reports import report_of_a_collision
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.studies.outcomes import StudyResult
+from pyrobocop_pyomo.studies.outcome_file import outcome_from_json, outcome_to_json
+from pyrobocop_pyomo.studies.outcomes import Outcome, StudyResult
+from pyrobocop_pyomo.studies.sweep_cases import SweepCase
 
 pytestmark = pytest.mark.casadi
 
@@ -57,3 +62,11 @@ def test_the_table_and_the_frame_have_a_row_per_outcome(study: StudyResult) -> N
     assert list(frame.columns)[-6:] == list(study[0].row())
     assert header.split()[0] == frame.index.name
     assert list(frame["objective"]) == [outcome.objective for outcome in study]
+
+
+def test_what_a_file_has_of_a_motion_that_is_not_safe_is_not_solved() -> None:
+    result = rcp.solve(build())
+    unsafe = replace(result, safety=report_of_a_collision(), standing=replace(result.standing, shortfall=1.0))
+    outcome = Outcome(case=SweepCase(0, "near", {"goal": 1.0}), result=unsafe)
+    again = outcome_from_json(outcome.case, json.loads(json.dumps(outcome_to_json(outcome))))
+    assert (again.solved, again.reason) == (outcome.solved, outcome.reason) == (False, outcome.reason)

@@ -65,12 +65,10 @@ def test_a_change_of_structure_prepares_the_model_again():
     assert kept.solve().g.size == kept.outcome.g_multipliers.size
 
 
-def test_options_time_limits_and_callbacks_reach_ipopt():
+def test_options_and_time_limits_reach_ipopt():
     kept = PersistentNLP(cart_pole(10), {"max_iter": 2})
     assert kept.solve().iterations == 2
-    records = []
-    assert kept.solve({"max_iter": 1}, on_iteration=records.append).iterations == 1
-    assert len(records) == 2
+    assert kept.solve({"max_iter": 1}).iterations == 1
     assert kept.solve({"max_iter": 300}, warm=False, time_limit=60.0).status.solved
 
 

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyrobocop_pyomo.errors import EvaluationError
-from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
 from pyrobocop_pyomo.mpcc.problem import Linearisation
 from pyrobocop_pyomo.numerics import BoolArray
 from pyrobocop_pyomo.optional_imports import scipy
@@ -23,7 +22,6 @@ from pyrobocop_pyomo.solving.curvature import NEAR
 
 STRICT = 1e-7  # smallest relative multiplier of an active one, and smallest relative distance of an inactive one
 NEWTON_STEPS = 6
-DOING = "derivatives of a solution"
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +54,6 @@ def derivatives(
     x: FloatArray,
     parameters: NDArray[np.intp],
     describe: Callable[[int], str],
-    deadline: Deadline = NO_DEADLINE,
 ) -> Derivatives:
     """Differentiate a local solution with respect to some variables that stand for parameters.
 
@@ -70,12 +67,9 @@ def derivatives(
         Numbers of the variables that are parameters.
     describe : callable
         From the number of a constraint (rows first, then bounds of variables) to its name, for messages.
-    deadline : Deadline, optional
 
     Raises
     ------
-    SolveFailed
-        When the deadline has passed.
     EvaluationError
         If the point is not stationary, an active constraint has no multiplier, active constraints that depend on each
         other move apart, or the Lagrangian is flat in a direction that they leave.
@@ -85,17 +79,16 @@ def derivatives(
     Fiacco (1976), Sensitivity analysis for nonlinear programming using penalty methods,
     doi:10.1007/BF01580677
     """
-    constraints = _Constraints(nlp, parameters, describe, deadline)
+    constraints = _Constraints(nlp, parameters, describe)
     active, multipliers = _guess_active(constraints, x)
     x, multipliers = _refined(constraints, x, active, multipliers)
     free = constraints.free
     solve, _, jacobian = _kkt(constraints, x, active, multipliers)
     hessian = constraints.hessian(x, active, multipliers)
-    # One parameter after the other, as thousands of them take long.
+    # One parameter after the other, as thousands of them take room.
     right = scipy.sparse.vstack([hessian[free][:, parameters], jacobian[:, parameters]], format="csc")
     moved = np.zeros((nlp.n, parameters.size))
     for place, parameter in enumerate(parameters.tolist()):
-        deadline.check(DOING)
         moved[free, place] = -solve(right[:, [place]].toarray().ravel())[: free.size]
         moved[parameter, place] = 1.0
     _check_strict(constraints, x, active, multipliers, moved)
@@ -107,10 +100,8 @@ def derivatives(
 class _Constraints:
     """Rows and bounds of the free variables in one list, with their first and second derivatives."""
 
-    def __init__(
-        self, nlp: NonlinearProgram, parameters: NDArray[np.intp], describe: Callable[[int], str], deadline: Deadline
-    ) -> None:
-        self.nlp, self.parameters, self.describe, self.deadline = nlp, parameters, describe, deadline
+    def __init__(self, nlp: NonlinearProgram, parameters: NDArray[np.intp], describe: Callable[[int], str]) -> None:
+        self.nlp, self.parameters, self.describe = nlp, parameters, describe
         self.free = np.setdiff1d(np.arange(nlp.n), parameters)
         lower, upper = nlp.x_lower.copy(), nlp.x_upper.copy()
         lower[parameters], upper[parameters] = -np.inf, np.inf
@@ -124,7 +115,6 @@ class _Constraints:
         return np.concatenate([self.nlp.constraints(x), x])
 
     def jacobian(self, x: FloatArray) -> Any:
-        self.deadline.check(DOING)  # each step of the computation begins with a Jacobian
         rows = Linearisation.at(self.nlp, x).jacobian
         return scipy.sparse.vstack([rows, scipy.sparse.eye_array(self.nlp.n)], format="csr")
 
@@ -215,7 +205,6 @@ def _check_strict(
     # What is met with equality and stays so says nothing new, as a bound of a side that is held at zero.
     leaves = np.zeros(constraints.lower.size, dtype=bool)
     for direction in moved.T:
-        constraints.deadline.check(DOING)
         leaves |= np.abs(jacobian @ direction) > 1e-6 * np.maximum(1.0, abs(jacobian) @ np.abs(direction))
     apart = active[leaves[active]]
     if apart.size:

@@ -25,10 +25,8 @@ from pyrobocop_pyomo.complementarity import (
 )
 from pyrobocop_pyomo.diagnosis.findings import quoted
 from pyrobocop_pyomo.errors import EvaluationError, ModelError
-from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.shared_nodes import NodeReplacement
 from pyrobocop_pyomo.numerics.rounding import MET
-from pyrobocop_pyomo.optional_imports import pandas
 from pyrobocop_pyomo.presentation import Presented
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
@@ -113,14 +111,6 @@ class Sensitivity(Presented):
         moved = self.variable_values + self.matrix @ change
         return ComponentMap(zip(self.variables, moved.tolist(), strict=True))
 
-    def to_pandas(self) -> Any:
-        """A data frame with a row per variable, the objective first, and a column per parameter."""
-        return pandas.DataFrame(
-            np.vstack([self.objective_gradient, self.matrix]),
-            index=pandas.Index(["objective", *(variable.name for variable in self.variables)], name="derivative of"),
-            columns=[parameter.name for parameter in self.parameters],
-        )
-
     def __str__(self) -> str:
         lines = [f"{'parameter':<24} {'d objective':>14} {'largest move':>14}  of"]
         for k, parameter in enumerate(self.parameters):
@@ -132,13 +122,7 @@ class Sensitivity(Presented):
         return "\n".join(lines)
 
 
-def sensitivity(
-    model: Any,
-    result: SolveResult,
-    parameters: Any,
-    *,
-    time_limit: float | None = None,
-) -> Sensitivity:
+def sensitivity(model: Any, result: SolveResult, parameters: Any) -> Sensitivity:
     """Differentiate a solution with respect to mutable Params.
 
     The solution is continued on its branch: sides that are zero stay zero, active constraints stay active. That
@@ -153,8 +137,6 @@ def sensitivity(
         Of that solve.
     parameters : Param, fixed Var, str or list
         What to differentiate for, or names of it. Indexed ones stand for all their members.
-    time_limit : float, optional
-        Seconds.
 
     Returns
     -------
@@ -168,8 +150,6 @@ def sensitivity(
     ModelError
         If a parameter is not mutable or used nowhere, a relaxation is applied, or the model does not hold the point
         of the result.
-    SolveFailed
-        When there is no answer at the time limit.
 
     References
     ----------
@@ -177,12 +157,10 @@ def sensitivity(
     sensitivity, doi:10.1287/moor.25.1.1.15213;
     Pirnay, Lopez-Negrete & Biegler (2012), Optimal sensitivity based on IPOPT, doi:10.1007/s12532-012-0043-2
     """
-    deadline = Deadline.after(time_limit)
     chosen = _members(model, parameters)
     _check(model, result)
-    parametric = ParametricModel(model, chosen, deadline)
+    parametric = ParametricModel(model, chosen)
     compiled = CompiledModel(parametric.model, is_view=True)
-    deadline.check(f"'{model.name}': sensitivity")
     place = {id(variable): i for i, variable in enumerate(compiled.variables)}
     columns = np.array([place.get(id(variable), -1) for variable in parametric.parameter_variables], dtype=np.intp)
     in_use = np.flatnonzero(columns >= 0)
@@ -191,7 +169,6 @@ def sensitivity(
         compiled.current_point(),
         columns[in_use],
         lambda number: _name(compiled, parametric, number),
-        deadline,
     )
     of_parameters = set(columns[in_use].tolist())
     of_variables = [i for i in range(compiled.nlp.n) if i not in of_parameters]
@@ -277,7 +254,6 @@ class ParametricModel:
     source : Block
         At a solution. It is only read.
     parameters : sequence of ParamData or fixed VarData
-    deadline : Deadline
 
     Attributes
     ----------
@@ -295,12 +271,10 @@ class ParametricModel:
         At biactive pairs, and at pairs that are not met.
     ModelError
         If a parameter is used nowhere in the active model.
-    SolveFailed
-        When the deadline has passed.
     """
 
-    def __init__(self, source: Any, parameters: Sequence[Any], deadline: Deadline) -> None:
-        self._source, self._deadline = source, deadline
+    def __init__(self, source: Any, parameters: Sequence[Any]) -> None:
+        self._source = source
         self.model = ConcreteModel()
         self.model.parameter_variable = Var(range(len(parameters)))
         self.model.rows = ConstraintList()
@@ -326,7 +300,6 @@ class ParametricModel:
             )
 
     def _add(self, relation: Any, name: str) -> None:
-        self._deadline.check(f"'{self._source.name}': sensitivity")
         self.names[id(self.model.rows.add(relation))] = name
 
     def _add_row(self, row: Any, name: str) -> None:

@@ -272,16 +272,10 @@ def test_a_relaxed_model_is_refused():
         rcp.studies.sensitivity(m, result, m.p)
 
 
-def test_text_and_data_frame(answered):
-    pandas = pytest.importorskip("pandas")
+def test_text_names_each_parameter_and_what_was_not_asked_for_is_refused(answered):
     m, result = answered
     found = rcp.studies.sensitivity(m, result, [m.p, m.least])
-    frame = found.to_pandas()
-    assert isinstance(frame, pandas.DataFrame)
-    assert list(frame.columns) == ["p", "least"]
-    assert frame.loc["x", "p"] == found.derivative(m.x, m.p)
-    assert frame.loc["objective", "p"] == found.objective_derivative(m.p)
-    assert "least" in str(found)
+    assert all(parameter.name in str(found) for parameter in (m.p, m.least))
     with pytest.raises(ModelError, match=r"'q\[1\]': is not among"):
         found.derivative(m.x, m.q[1])
 
