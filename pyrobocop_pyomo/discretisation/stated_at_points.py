@@ -33,7 +33,7 @@ def stated_at_points(model: Any, phases: Sequence[Any], found: RowMultipliers, o
 
     They know the rows of phases. Planes between shapes, a user's own rows, bounds of rates and costs that are sums over
     points restrain the motion where the mesh looks, and nowhere else. What is stated at the ends of phases, or at a few
-    element boundaries, is the same on any mesh.
+    element boundaries, is the same on any mesh, and so are costs of data at boundaries that were chosen for them.
 
     Parameters
     ----------
@@ -47,9 +47,10 @@ def stated_at_points(model: Any, phases: Sequence[Any], found: RowMultipliers, o
     most = max(2, min(phase.grid.mesh.elements for phase in phases) - 1)
     # Per unit of a row: smaller multipliers are what a barrier leaves of rows that restrain nothing.
     least = MET * max(abs(objective), ZERO_OBJECTIVE)
+    chosen = frozenset[float]().union(*(phase.record.chosen_times for phase in phases))
     for goal in model.component_data_objects(Objective, active=True):
         read = _read([goal.expr], phases)
-        if read & inside or len({at_boundaries[key] for key in read & at_boundaries.keys()}) >= most:
+        if read & inside or len({at_boundaries[key] for key in read & at_boundaries.keys()} - chosen) >= most:
             return f"'{goal.name}' reads points of the mesh, which are others on a finer one: state it as an integral."
     for component, rows in rows_beside(model, phases):
         read = _read([row.body for row in rows if abs(found.of_row(row)) > least], phases)

@@ -646,6 +646,7 @@ class PhaseBlockData(BuiltBlockData):
             width_factors=free_element_widths,
             allow_higher_index=bool(allow_higher_index),
             time_units=time_units,
+            chosen_times=frozenset() if mesh is None else frozenset(grid.mesh.boundaries),
         )
         self.time = Set(initialize=list(grid.times), ordered=True, doc="element boundaries and collocation points")
         self.points = Set(initialize=list(grid.points), ordered=True, doc="collocation points")

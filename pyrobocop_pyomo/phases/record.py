@@ -108,6 +108,8 @@ class PhaseRecord:
         Values at fixed times that were handed out, in the order of the members that stand for them.
     named_times : set of float
         Time indices at which statements read a value, wherever the points of the mesh are.
+    chosen_times : frozenset of float
+        Element boundaries that were given one by one.
     delayed_names : set of str
         What rules read at earlier times than their own.
     asking : bool
@@ -139,6 +141,7 @@ class PhaseRecord:
     integrals: list[Statement] = field(default_factory=list)
     values_at_times: list[tuple[str, float]] = field(default_factory=list)
     named_times: set[float] = field(default_factory=set)
+    chosen_times: frozenset[float] = frozenset()
     delayed_names: set[str] = field(default_factory=set)
     asking: bool = False
     restating: Any = None

@@ -66,8 +66,8 @@ def test_where_nothing_is_minimised_the_error_is_that_of_the_motion(objective: A
     assert all("COARSE MESH" in text for text in (str(result), *shown(result)[1:]))
 
 
-def integrator(elements: int = 4, **control: Any) -> Any:
-    m, b = one_phase(model="integrator", duration=2.0, elements=elements)
+def integrator(elements: int | None = 4, mesh: Any = None, **control: Any) -> Any:
+    m, b = one_phase(model="integrator", duration=2.0, elements=elements, mesh=mesh)
     b.x, b.y, b.u, b.w = rcp.State(initial=0), rcp.State(initial=0), rcp.Control(**control), rcp.Control()
     b.ode(lambda b, t: {b.x: b.u[t], b.y: b.w[t]})
     m.effort = pyo.Objective(expr=b.integral(lambda b, t: (b.x[t] - 1) ** 2 + b.y[t] ** 2 + b.u[t] ** 2 + b.w[t] ** 2))
@@ -96,6 +96,12 @@ def with_rows_at_points(bound: float) -> Any:
 def with_a_sum_over_points() -> Any:
     m = integrator()
     m.effort.set_value(m.effort.expr + 0.1 * sum(m.p.u[t] ** 2 for t in m.p.points))
+    return m
+
+
+def with_data_at_boundaries(elements: int | None = 4, mesh: Any = None) -> Any:
+    m = integrator(elements, mesh)
+    m.effort.set_value(m.effort.expr + sum((m.p.x[t] - t) ** 2 for t in (0.5, 1.0, 1.5, 2.0)))
     return m
 
 
@@ -135,6 +141,7 @@ def with_a_waypoint(time: float) -> Any:
         (lambda: with_rows_at_points(0.1), "'ceiling'"),
         (lambda: integrator(rate_bounds=(-0.1, 0.1)), "'p.u_rate'"),
         (with_a_sum_over_points, "'effort'"),
+        (with_data_at_boundaries, "'effort'"),
         (lambda: with_a_waypoint(0.3), "t = 0.3, inside of elements"),
         (lambda: with_slack_at_points(0.1), "'soft'"),
         (with_bounds_of_a_derivative, "the derivative of 'x'"),
@@ -154,6 +161,7 @@ def test_what_is_stated_at_points_beside_the_phase_leaves_the_error_unknown(
     "build",
     [
         integrator,
+        lambda: with_data_at_boundaries(elements=None, mesh=[0, 0.5, 1, 1.5, 2]),
         lambda: beside_an_obstacle(4.0),
         lambda: with_rows_at_points(5.0),
         lambda: integrator(rate_bounds=(-50, 50)),
