@@ -114,7 +114,7 @@ class ExactPairs:
 
         search = ActiveSetSearch(program, solve, LIMITS, note, deadline)
         begin = BranchPoint.at(program, replace(start, g_multipliers=dual[rows]))
-        found = search.polish(begin, only_nearest=True)
+        found = search.polish(begin)
         if found is begin:
             failed = IpoptStatus.INFEASIBLE if runs[-1].status.solved else runs[-1].status
             outcome = replace(runs[-1], status=failed)
