@@ -7,8 +7,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from pyrobocop_pyomo.complementarity.relaxed_model import RelaxedModel
 from pyrobocop_pyomo.errors import ComplementarityError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
@@ -18,7 +16,7 @@ from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, BranchPoint, Limits
 from pyrobocop_pyomo.numerics.rounding import MET
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint
+from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram, PrimalDualPoint
 from pyrobocop_pyomo.solving.ipopt_options import DEFAULT_WITH_PAIRS, POLISH, IpoptOptions
 from pyrobocop_pyomo.solving.numeric_pairs import numeric_pairs
 
@@ -99,8 +97,8 @@ class ExactPairs:
             In its order, with multipliers of all its rows.
         deadline : Deadline
         """
-        relaxed, dual = self.relaxed, start.complete(compiled.nlp)[0]
-        program, rows = numeric_pairs(compiled, relaxed.lifted, relaxed.relaxing_rows, relaxed.crossed)
+        relaxed = self.relaxed
+        program = numeric_pairs(compiled, relaxed.lifted, relaxed.relaxing_rows, relaxed.crossed)
         runs: list[IpoptOutcome] = []
         ends: dict[int, tuple[BranchPoint, IpoptOutcome]] = {}
 
@@ -113,7 +111,7 @@ class ExactPairs:
             ends[id(found)] = found, outcome
 
         search = ActiveSetSearch(program, solve, LIMITS, note, deadline)
-        begin = BranchPoint.at(program, replace(start, g_multipliers=dual[rows]))
+        begin = BranchPoint.at(program, program.start(start))
         found = search.polish(begin)
         if found is begin:
             failed = IpoptStatus.INFEASIBLE if runs[-1].status.solved else runs[-1].status
@@ -123,6 +121,4 @@ class ExactPairs:
             better = search.exchange(found, MET) if outcome.status.solved else found
             if ends[id(better)][1].status.solved:
                 found, outcome = ends[id(better)]
-        multipliers: FloatArray = np.zeros(compiled.nlp.m)
-        multipliers[rows] = outcome.g_multipliers
-        return ExactPoint(replace(outcome, g_multipliers=multipliers), found.natural_residual, runs)
+        return ExactPoint(outcome, found.natural_residual, runs)
