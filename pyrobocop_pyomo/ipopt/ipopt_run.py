@@ -417,7 +417,7 @@ def _time_limit(options: Mapping[str, Any], deadline: Deadline) -> dict[str, flo
     """What is left, unless the caller's own limit is shorter; Ipopt takes no limit of zero."""
     if deadline.left is None:
         return {}
-    return {"max_wall_time": max(min(deadline.left, float(options.get("max_wall_time", deadline.left))), 1e-3)}
+    return {"max_wall_time": max(min(deadline.left, float(options.get("max_wall_time", deadline.left))), 1e-6)}
 
 
 def _vector(values: Any, size: int, name: str) -> FloatArray:

@@ -226,22 +226,8 @@ def compiled_run_of(
 ) -> CompiledRun | None:
     """The functions of a program for Ipopt without Python; None where Python has to evaluate any of them.
 
-    A program offers them by a method ``compiled_run(scales, shifts)``. That counts as long as its own class evaluates
-    all functions, or forwards them as they are: not where a subclass does so in another way, or one was replaced on the
-    object.
+    A program offers them by a method ``compiled_run(scales, shifts)``. That of a base class does not count: a subclass
+    has to say itself what is compiled of it.
     """
-    own = vars(type(nlp))
-    if "compiled_run" not in own:
-        return None
-    inner = getattr(nlp, "nlp", None)
-    for name, structure in EVALUATIONS.items():
-        method = getattr(nlp, name)
-        if name in own:
-            is_known = getattr(method, "__func__", None) is own[name]
-        else:
-            is_kept = structure is None or getattr(nlp, structure) is getattr(inner, structure, None)
-            is_known = is_kept and method == getattr(inner, name, None)
-        if not is_known:
-            return None
-    run: CompiledRun | None = nlp.compiled_run(scales, shifts)  # type: ignore[attr-defined]
-    return run
+    is_own = "compiled_run" in vars(type(nlp))
+    return nlp.compiled_run(scales, shifts) if is_own else None  # type: ignore[attr-defined]

@@ -12,25 +12,21 @@ import numpy as np
 from pyrobocop_pyomo.complementarity import BarrierSchedule
 from pyrobocop_pyomo.complementarity.relaxed_model import RelaxedModel
 from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
-from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus, IterationRecord
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IterationRecord
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
 from pyrobocop_pyomo.ipopt.linear_solvers import FELL_BACK
 from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader, scaling_factors, starting_point
 from pyrobocop_pyomo.modeling.deadline import Deadline
-from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE, ROUNDING
 from pyrobocop_pyomo.presentation.progress import Progress
 from pyrobocop_pyomo.programs.automatic_scaling import objective_slope
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram, PrimalDualPoint
 from pyrobocop_pyomo.programs.wrapped_programs import ElasticRows, ScaledProgram, ShiftedRows
 
-from .ipopt_options import IPOPT_TOLERANCE, IpoptOptions
+from .ipopt_options import IpoptOptions
 from .iterates import Iterate
 from .session import DeltaFollowsBarrier, OnIteration, Session
 from .settings import Settings
-
-# So many iterations in a row stand.
-STANDING_ITERATIONS = 50
 
 
 class InProcessSession(Session):
@@ -86,7 +82,7 @@ class InProcessSession(Session):
     def _solve(
         self, options: Mapping[str, Any], deadline: Deadline, start: Iterate | None, follow: OnIteration | None = None
     ) -> Iterate:
-        on_iteration = follow or Standstill(self._live)
+        watch = follow or self._live
         nlp, point = self._nlp, starting_point(self._compiled)
         if start is not None:
             point = replace(start.multipliers, x=point.x)
@@ -104,7 +100,7 @@ class InProcessSession(Session):
             point,
             deadline=deadline,
             scaling=scaling_factors(self._compiled) if by_user else None,
-            on_iteration=lambda record: on_iteration(record._replace(objective=record.objective * unit)),
+            on_iteration=watch and (lambda record: watch(record._replace(objective=record.objective * unit))),
             output=self._output,
         )
         end = outcome.point if elastic is None else elastic.inner(outcome.point)
@@ -117,8 +113,7 @@ class InProcessSession(Session):
         solver = FELL_BACK if outcome.fell_back else outcome.linear_solver  # empty where Ipopt decided itself
         return Iterate.of_run(
             "solve",
-            # Nothing else stops a run here.
-            IpoptStatus.TINY_STEP if outcome.status is IpoptStatus.STOPPED else outcome.status,
+            outcome.status,
             mu=outcome.mu,
             iterations=outcome.iterations,
             seconds=outcome.seconds,
@@ -153,40 +148,3 @@ def _live_line(progress: Progress, name: str) -> OnIteration:
             )
 
     return show
-
-
-class Standstill:
-    """Tells a run to stop that no longer moves from a feasible point.
-
-    Ipopt ends with tiny steps itself, but only where they vanish beside every variable. With a badly conditioned
-    system they stay a little larger, regularised more and less by turns; or a restoration phase that was called where
-    everything is feasible already has nothing to restore. Both go on until the limit of iterations.
-
-    Parameters
-    ----------
-    on_iteration : callable or None
-        Called as well.
-    """
-
-    def __init__(self, on_iteration: OnIteration | None) -> None:
-        self._on_iteration, self._count = on_iteration, 0
-        self._before: IterationRecord | None = None
-
-    def __call__(self, record: IterationRecord) -> bool:
-        """Whether the run may go on."""
-        if self._on_iteration is not None:
-            self._on_iteration(record)
-        before, self._before = self._before, record
-        stands = before is not None and record.primal_infeasibility <= IPOPT_TOLERANCE and _stands(before, record)
-        self._count = self._count + 1 if stands else 0
-        return self._count < STANDING_ITERATIONS
-
-
-def _stands(before: IterationRecord, now: IterationRecord) -> bool:
-    if now.restoration:
-        return before.restoration and before.primal_infeasibility <= IPOPT_TOLERANCE
-    return (
-        now.mu == before.mu
-        and now.step_norm <= NEGLIGIBLE
-        and abs(now.objective - before.objective) <= ROUNDING * max(1.0, abs(now.objective))
-    )

@@ -4,7 +4,6 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Iterator
 
 import numpy as np
 import pyomo.environ as pyo
@@ -12,12 +11,11 @@ import pytest
 from harness.small_problems import every_derivative, hock_schittkowski_71
 
 from pyrobocop_pyomo.errors import EvaluationError, ModelError
-from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus, IterationRecord
+from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
 from pyrobocop_pyomo.programs.wrapped_programs import ShiftedRows
-from pyrobocop_pyomo.solving.in_process_session import STANDING_ITERATIONS, Standstill
 
 OPTIMUM = 17.0140172891520542
 FIRST_POINT = [1.0, 5.0, 5.0, 1.0]
@@ -256,38 +254,3 @@ def test_a_bad_option_is_named_with_the_reason(option, value, reason, capfd):
 def test_wrong_sizes_are_named():
     with pytest.raises(ValueError, match=r"'x' has shape \(3,\); this problem needs \(4,\)"):
         run(written_71("casadi").nlp, start=PrimalDualPoint(np.zeros(3)))
-
-
-# --------------------------------------------------------------------
-# A run that no longer moves from a feasible point is told to stop; one that moves, or is not feasible, goes on.
-
-
-def _records(
-    *, restoration: bool = False, objective: float = 0.0, primal: float = 1e-11, step: float = 1e-12, mu: float = 0.0
-) -> Iterator[IterationRecord]:
-    """Of a run; `objective` and `mu` are what an iteration changes."""
-    for i in range(10 * STANDING_ITERATIONS):
-        yield IterationRecord(i, restoration, 1 + i * objective, primal, 1e3, 1e-6 - i * mu, step, 1e12, 1.0, 1.0, 1)
-
-
-@pytest.mark.parametrize("how", [{}, {"restoration": True, "step": 1e-7, "objective": 1e-8}])
-def test_a_run_that_stands_is_stopped(how: dict[str, float]) -> None:
-    standstill = Standstill(None)
-    went_on = [standstill(record) for record in _records(**how)]  # type: ignore[arg-type]
-    assert went_on.index(False) == STANDING_ITERATIONS
-    assert not all(went_on)
-
-
-@pytest.mark.parametrize(
-    "how",
-    [
-        {"objective": 1e-6},
-        {"step": 1e-6},
-        {"mu": 1e-12},
-        {"primal": 1e-3},
-        {"restoration": True, "primal": 1e-3},
-    ],
-)
-def test_a_run_that_moves_or_is_not_feasible_goes_on(how: dict[str, float]) -> None:
-    standstill = Standstill(None)
-    assert all(standstill(record) for record in _records(**how))  # type: ignore[arg-type]
