@@ -75,6 +75,8 @@ class Engine(AbstractContextManager["Engine"]):
     Attributes
     ----------
     name : str
+    in_this_process : bool
+        Whether agents live here: specs are not sent, and no state of theirs is ever needed again.
     deaths : Counter
         How often the worker of each agent died, while the agent was at work.
 
@@ -85,7 +87,7 @@ class Engine(AbstractContextManager["Engine"]):
     """
 
     name: str
-    _in_this_process = False  # where specs need not be sent, and no state is ever needed again
+    in_this_process = False
 
     def __init__(self, workers: int | None = None, *, deaths_allowed: int = 2) -> None:
         if workers is not None and workers < 1:
@@ -150,7 +152,7 @@ class Engine(AbstractContextManager["Engine"]):
         places = self.places(len(specs))
         for number, spec in enumerate(specs):
             label = f"agent '{spec.name}'"
-            sent = spec if self._in_this_process else packed(label, spec, "engine='serial'", EngineError)
+            sent = spec if self.in_this_process else packed(label, spec, "engine='serial'", EngineError)
             self._agents[spec.name] = Request(spec.name, sent, number % places, spec.name)
         with undone_on_failure(self.stop):
             self.open(places)
@@ -272,7 +274,7 @@ class Engine(AbstractContextManager["Engine"]):
             if name not in self._agents:
                 raise EngineError(f"no agent '{name}'; the agents are {', '.join(self._agents)}.")
             if name not in self._given_up:
-                requests.append(self._agents[name].calling(method, given, with_states and not self._in_this_process))
+                requests.append(self._agents[name].calling(method, given, with_states and not self.in_this_process))
         replies: dict[str, Reply] = {**self._given_up}
         with undone_on_failure(self.stop):  # what its workers do then is not known any more
             for request, reply in self.replies(requests):

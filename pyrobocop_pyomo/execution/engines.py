@@ -30,7 +30,7 @@ class SerialEngine(Engine):
     """
 
     name = "serial"
-    _in_this_process = True
+    in_this_process = True
 
     def __init__(self) -> None:
         super().__init__(1)

@@ -62,7 +62,7 @@ def study_engine(workers: Any, engine: str | Engine | None) -> Engine | None:
     if workers != 1:
         raise ModelError(f"workers = {workers!r} and an engine: give one of them; an engine has workers of its own.")
     engine = find_engine(engine)
-    return None if engine.name == "serial" else engine
+    return None if engine.in_this_process else engine
 
 
 def run_tasks(
