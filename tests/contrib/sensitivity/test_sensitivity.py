@@ -1,8 +1,5 @@
 """`sensitivity` against re-solves, for every place where data can enter a model."""
 
-import time
-from typing import Any
-
 import numpy as np
 import pyomo.environ as pyo
 import pytest
@@ -13,8 +10,7 @@ from pyomo.mpec import complements as mpec_complements
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.contrib.sensitivity import Sensitivity
-from pyrobocop_pyomo.errors import EvaluationError, ModelError, SolveFailed
-from pyrobocop_pyomo.programs.compiled_model import CompiledModel
+from pyrobocop_pyomo.errors import EvaluationError, ModelError
 from pyrobocop_pyomo.solving.pair_report import ActiveSide
 
 pytestmark = pytest.mark.asl
@@ -278,25 +274,3 @@ def test_text_names_each_parameter_and_what_was_not_asked_for_is_refused(answere
     assert all(parameter.name in str(found) for parameter in (m.p, m.least))
     with pytest.raises(ModelError, match=r"'q\[1\]': is not among"):
         found.derivative(m.x, m.q[1])
-
-
-def many_parameters(count: int) -> tuple[Any, Any]:
-    m = pyo.ConcreteModel(name="many")
-    m.p = pyo.Param(range(count), initialize=1.0, mutable=True)
-    m.x = pyo.Var(range(count), initialize=0.0)
-    m.rows = pyo.Constraint(range(count), rule=lambda m, i: m.x[i] + 0.1 * m.x[i] ** 3 == m.p[i])
-    m.cost = pyo.Objective(expr=sum((m.x[i] - 2) ** 2 for i in m.x))
-    return m, rcp.solve(m, progress=False)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("limit", [0.05, 0.5])
-def test_a_time_limit_ends_it(limit: float) -> None:
-    m, result = many_parameters(5000)
-    started = time.process_time()
-    with pytest.raises(SolveFailed, match="Raise time_limit"):
-        rcp.studies.sensitivity(m, result, m.p, time_limit=limit)
-    whole = time.process_time() - started
-    started = time.process_time()
-    CompiledModel(m)
-    assert whole < limit + 4.0 * (time.process_time() - started)
