@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.numerics import BoolArray
 from pyrobocop_pyomo.optional_imports import scipy
-from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram
 from pyrobocop_pyomo.programs.stationarity import beside
 from pyrobocop_pyomo.programs.wrapped_programs import WrappedProgram
 
@@ -76,12 +76,6 @@ class ComplementarityProgram:
     def pairs(self) -> int:
         """Number of pairs."""
         return self.a.index.size
-
-    def start(self, point: PrimalDualPoint) -> PrimalDualPoint:
-        """A point of a relaxed program as one of this program: rows that bound nothing have no multipliers here."""
-        rows = point.complete(self.nlp)[0]
-        is_bound = np.isfinite(self.nlp.g_lower) | np.isfinite(self.nlp.g_upper)
-        return replace(point, g_multipliers=np.where(is_bound, rows, 0.0))
 
     def natural_residual(self, x: FloatArray) -> float:
         """Largest ``|min(a, b)|`` at a point."""

@@ -150,7 +150,7 @@ class ExactPairs:
         what `solve` gives.
         """
         compiled, relaxed = self._program.compiled, self._relaxed
-        program = numeric_pairs(compiled, relaxed.lifted, relaxed.relaxing_rows, relaxed.crossed)
+        program, rows = numeric_pairs(compiled, relaxed.lifted, relaxed.relaxing_rows, relaxed.crossed)
         ends: dict[int, tuple[BranchPoint, IpoptOutcome]] = {}
 
         def solve(nlp: NonlinearProgram, start: PrimalDualPoint, iterations: int) -> IpoptOutcome:
@@ -162,7 +162,7 @@ class ExactPairs:
             ends[id(found)] = found, outcome
 
         search = ActiveSetSearch(program, solve, LIMITS, note, deadline)
-        begin = BranchPoint.at(program, program.start(start))
+        begin = BranchPoint.at(program, replace(start, g_multipliers=start.complete(compiled.nlp)[0][rows]))
         found = search.polish(begin)
         if found is begin:
             failed = IpoptStatus.INFEASIBLE if runs[-1].status.solved else runs[-1].status
@@ -172,4 +172,6 @@ class ExactPairs:
             better = search.exchange(found, MET) if outcome.status.solved else found
             if ends[id(better)][1].status.solved:
                 found, outcome = ends[id(better)]
-        return outcome, found.natural_residual
+        multipliers: FloatArray = np.zeros(compiled.nlp.m)
+        multipliers[rows] = outcome.g_multipliers
+        return replace(outcome, g_multipliers=multipliers), found.natural_residual
