@@ -99,13 +99,14 @@ class Limits:
         Most branches solved by `ActiveSetSearch.exchange`.
     lpec_seconds : float
         For one linear program with complementarity constraints.
-    exploring_radii : tuple of float
-        Trust radii for the search beyond a B-stationary point.
+    exploring_radii, polishing_radii : tuple of float
+        Trust radii for the search beyond a B-stationary point, and for a branch at a point that was made exact.
     descent_gap : float
         Relative distance from its optimum at which a program may stop that says whether any branch descends: a
         direction nearly as good leads on too.
     descent_nodes : int
-        Of the search tree for that question; without an answer the certificate is unknown.
+        Of the search tree for that question, and for a branch at a point that was made exact; without an answer the
+        certificate is unknown.
     exploring_iterations : int
         For one branch of that search.
     polishing_iterations : int
@@ -121,6 +122,7 @@ class Limits:
     exchanges: int = 40
     lpec_seconds: float = 5.0
     exploring_radii: tuple[float, ...] = (1.0, 3e1, 1e3)
+    polishing_radii: tuple[float, ...] = (1e-4, 1e-3, 1e-2, 1e-1)
     descent_gap: float = 0.3
     descent_nodes: int = 500
     exploring_iterations: int = 200
@@ -185,18 +187,62 @@ class ActiveSetSearch:
     linear_seconds: float = 0.0
     work_left: float = np.inf
     undecided: int = 0
-    _refused: BranchPoint | None = None
+    _last: IpoptOutcome | None = None
+    _refused: list[BranchPoint] = field(default_factory=list)
     _tried_from: tuple[BranchPoint | None, set[bytes]] = (None, set())
 
-    def polish(self, start: BranchPoint) -> BranchPoint:
-        """Solve the branch nearest to a point; its solution is kept if it is no worse.
+    def polish(self, start: BranchPoint, *, only_nearest: bool = False) -> BranchPoint:
+        """Solve the branch nearest to a point, or else, unless only that is wanted, one that a relaxed point is led to.
 
-        One that is worse and exact is kept all the same where the start is met only loosely, and is no point of the
-        problem at all.
+        The answer is kept if it is no worse.
+
+        Where neither is, the better one is kept all the same: the start, whose pairs are met only loosely, is no point
+        of the problem at all.
         """
-        self._refused = None
-        found = self._go("polish", nearest_branch(self.program, start.x), start, start.x)
-        return found or self._refused or start
+        self._refused.clear()
+        branch = nearest_branch(self.program, start.x)
+        found = self._go("polish", branch, start, start.x)
+        relaxed = max(start.violation, start.natural_residual) > self.limits.feasibility
+        if found is None and relaxed and not only_nearest and not self._late():
+            found = self._polish_restored(start)
+        return found or min(self._refused, key=lambda refused: refused.objective, default=start)
+
+    def _polish_restored(self, start: BranchPoint) -> BranchPoint | None:
+        """Lead the point to where rows and pairs hold, and solve the branches that look best from there.
+
+        Where none of them can be solved, as degenerate ones may not, that point is left: all is met exactly there.
+        """
+        x = self._restored(start)
+        if x is None:
+            return None
+        point = Linearisation.at(self.program.nlp, x)
+        for radius in self.limits.polishing_radii:
+            nearby = self._steepest(point, radius)
+            if nearby is not None and not self._late():
+                found = self._go("polish", nearby.branch, start, x + nearby.step)
+                if found is not None:
+                    return found
+        exact = BranchPoint.at(self.program, replace(start.point, x=x))
+        if not self._no_worse(exact, start):
+            return None
+        if self.on_solve is not None and self._last is not None:
+            self.on_solve("restored", replace(self._last, x=x, iterations=0, seconds=0.0), exact, True)
+        return exact
+
+    def _restored(self, start: BranchPoint) -> FloatArray | None:
+        """The nearest point at which rows and pairs hold: each linear program looks less far than the one before.
+
+        So what is left of the rows falls with its square, and the sides of pairs are chosen anew where that leads to
+        rows that hold. None where some are left.
+        """
+        x, radius = start.x, max(1e-2, 10.0 * start.natural_residual)
+        while radius >= self.limits.feasibility:
+            point = Linearisation.at(self.program.nlp, x)
+            nearby = self._steepest(point, radius, elastic=1e3 * point.slope)
+            if nearby is None:
+                return None
+            x, radius = np.clip(x + nearby.step, self.program.nlp.x_lower, self.program.nlp.x_upper), 1e-2 * radius
+        return x if violation(self.program.nlp, x) <= self.limits.feasibility else None
 
     def explore(
         self, start: BranchPoint, explored: ExploredBranches, deadline: Deadline, work: float = np.inf
@@ -347,6 +393,7 @@ class ActiveSetSearch:
         iterations = limits.exploring_iterations if purpose == "explore" else limits.polishing_iterations
         iterations = int(min(iterations, self.work_left))
         outcome = self.solve(nlp, replace(start.point, x=np.clip(x, nlp.x_lower, nlp.x_upper)), iterations)
+        self._last = outcome
         self._count_work(outcome.iterations)
         self.interrupted |= outcome.status is IpoptStatus.INTERRUPTED
         if not np.isfinite(outcome.x).all():
@@ -359,7 +406,7 @@ class ActiveSetSearch:
         kept = not diverged and self._no_worse(found, start) and not (cut and start.branch is not None)
         more_exact = start.branch is None and found.natural_residual < start.natural_residual
         if outcome.status.solved and not kept and more_exact and found.violation <= self.limits.feasibility:
-            self._refused = found
+            self._refused.append(found)
         if self.on_solve is not None:
             self.on_solve(purpose, outcome, found, kept)
         return found if kept else None

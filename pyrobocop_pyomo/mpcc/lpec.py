@@ -58,6 +58,7 @@ def steepest_branch(
     node_limit: int,
     stay: Branch | None = None,
     least_gain: float = 0.0,
+    elastic: float | None = None,
     deadline: Deadline = NO_DEADLINE,
     gap: float = 1e-6,
     on_nodes: Callable[[int], object] | None = None,
@@ -85,6 +86,8 @@ def steepest_branch(
         A branch through the point: only what descends more than this one is looked for.
     least_gain : float
         By how much more, per unit of the radius.
+    elastic : float, optional
+        Price of violating a linearised row, per unit; needed at a point that is not feasible. By default rows hold.
     deadline : Deadline
     gap : float
         Relative distance from the optimum at which the search may stop.
@@ -115,8 +118,18 @@ def steepest_branch(
         lower[sides.index[fixed]] = upper[sides.index[fixed]] = to_zero
     open_pairs = np.flatnonzero(within)
 
-    # Whatever the unit of the objective is: the solver's tolerances of costs are absolute ones, too.
-    linear = LinearProgram(point.gradient / point.slope, lower, upper, [_rows(point, radius)])
+    matrix, rows_lower, rows_upper = _rows(point, radius, loose=elastic is not None)
+    slack = matrix.shape[0] if elastic is not None else 0
+    if slack:
+        slacks = [sign * scipy.sparse.eye_array(slack, format="csr") for sign in (1.0, -1.0)]
+        matrix = scipy.sparse.block_array([[matrix, *slacks]], format="csr")
+    linear = LinearProgram(
+        # Whatever the unit of the objective is: the solver's tolerances of costs are absolute ones, too.
+        np.concatenate([point.gradient, np.full(2 * slack, elastic or 0.0)]) / point.slope,
+        np.concatenate([lower, np.zeros(2 * slack)]),
+        np.concatenate([upper, np.full(2 * slack, np.inf)]),
+        [(matrix, rows_lower, rows_upper)],
+    )
     open_a, open_b = (
         _open_sides(sides, values, open_pairs, linear) for sides, values in ((program.a, a), (program.b, b))
     )
@@ -134,7 +147,7 @@ def steepest_branch(
         if stay is None or not is_held:
             return None
         return Descent(np.zeros(n), -staying * point.slope, stay, proven, open_pairs.size, 0.0)
-    step = optimum
+    step = optimum[:n]
     a_zero = nearest.a_zero.copy()
     a_zero[open_pairs] = chosen
     cost = float(point.gradient @ step)
@@ -255,10 +268,11 @@ def _open_sides(sides: Sides, values: FloatArray, pairs: NDArray[np.intp], linea
     return Sides(column, sides.sign[pairs], zero)
 
 
-def _rows(point: Linearisation, radius: float) -> tuple[csr_array, FloatArray, FloatArray]:
-    """Linearised rows that some step can reach, with bounds that a zero step meets."""
-    lower = np.minimum((point.nlp.g_lower - point.rows) / radius, 0.0)
-    upper = np.maximum((point.nlp.g_upper - point.rows) / radius, 0.0)
+def _rows(point: Linearisation, radius: float, *, loose: bool) -> tuple[csr_array, FloatArray, FloatArray]:
+    """Linearised rows that some step can reach, with bounds that a zero step meets unless slacks will do it."""
+    lower, upper = (point.nlp.g_lower - point.rows) / radius, (point.nlp.g_upper - point.rows) / radius
+    if not loose:
+        lower, upper = np.minimum(lower, 0.0), np.maximum(upper, 0.0)
     farthest = abs(point.jacobian).sum(axis=1)
     kept = np.flatnonzero((lower > -farthest) | (upper < farthest))
     return point.jacobian[kept], lower[kept], upper[kept]

@@ -217,7 +217,6 @@ class Polish:
 
     def _at(self, found: BranchPoint, strategy: str) -> Iterate:
         """The iterate of the run that solved a branch, its point on the model."""
-        assert found.branch is not None
         iterate, outcome = self._solved[id(found)]
         self._compiled.load_point(found.x)
         point = outcome.point.with_objective_divided(1.0 / self._slope)
@@ -229,7 +228,10 @@ class Polish:
             iterate,
             strategy=strategy,
             values=self._values.read(),
-            stationarity=stationarity(restricted(self._program, found.branch), found.point, self._sizes(found)),
+            # What no program was solved at has no multipliers.
+            stationarity=None
+            if found.branch is None
+            else stationarity(restricted(self._program, found.branch), found.point, self._sizes(found)),
             load_suffixes=loader.load_import_suffixes,
             row_multipliers=loader.row_multipliers,
         )

@@ -163,7 +163,7 @@ class ExactPairs:
 
         search = ActiveSetSearch(program, solve, LIMITS, note, deadline)
         begin = BranchPoint.at(program, replace(start, g_multipliers=start.complete(compiled.nlp)[0][rows]))
-        found = search.polish(begin)
+        found = search.polish(begin, only_nearest=True)
         if found is begin:
             failed = IpoptStatus.INFEASIBLE if runs[-1].status.solved else runs[-1].status
             outcome = replace(runs[-1], status=failed)

@@ -181,6 +181,19 @@ def test_a_polish_that_ends_badly_is_not_kept():
 
 
 @needs_ipopt
+def test_a_relaxed_point_whose_branches_are_not_solved_is_led_to_an_exact_one():
+    """``x + y = 1`` with x ⟂ y, from a point between both branches: whatever Ipopt leaves, rows and pairs are met."""
+    program = paired([1.0, 2.0], A=[[1.0, 1.0]], g_lower=[1.0], g_upper=[1.0], x_lower=[0.0, 0.0])
+    point = PrimalDualPoint(np.array([1e-3, 0.998]), np.zeros(1), np.zeros(2), np.zeros(2))
+    start = BranchPoint.at(program, point)
+
+    fails = ending(status=IpoptStatus.ITERATION_LIMIT, x=np.array([0.0, 7.0]))
+    found = ActiveSetSearch(program, fails).polish(start)
+    np.testing.assert_allclose(found.x, [0.0, 1.0], atol=1e-9)
+    assert found.branch is None  # no program was solved there
+
+
+@needs_ipopt
 @pytest.mark.parametrize("status", [IpoptStatus.TIME_LIMIT, IpoptStatus.INTERRUPTED])
 def test_a_run_that_was_cut_replaces_no_solved_point(status):
     program = trap()
