@@ -93,9 +93,8 @@ def motion_beside_phases(model: Any, phases: Sequence[Any]) -> Iterator[str]:
 
 def _known_to_costates(record: Any) -> Iterator[str]:
     """Names of the rows that make states follow their equations, of what was stated at all times, and over knots."""
-    yield from (
-        f"{name}_{rows}" for name in record.names_of_states for rows in ("equation", "collocation", "continuity")
-    )
+    kinds = ("equation", "collocation", "continuity", "step")
+    yield from (f"{name}_{kind}" for name in record.names_of_states for kind in kinds)
     yield from (statement.name for statement in record.statements)
     # Knots that the user has placed are the same on any mesh.
     yield from (f"{name}_rate" for name in record.names(Control) if record.declarations[name].knots is not None)

@@ -105,6 +105,17 @@ def with_data_at_boundaries(elements: int | None = 4, mesh: Any = None) -> Any:
     return m
 
 
+def test_step_maps_beside_a_phase_leave_its_error_known() -> None:
+    m = integrator()
+    m.counted = b = rcp.PhaseBlock(duration=2.0, elements=4, scheme="implicit_euler")
+    b.n, b.u = rcp.State(initial=0.0), rcp.Control(bounds=(0, 1), initial_guess=0.5)
+    b.step_map(lambda b, t, previous: {b.n: previous.n + b.u[t]})
+    m.effort.set_value(m.effort.expr + (b.n[b.final_time] - 5) ** 2)
+    estimate = rcp.solve(m, mesh_tolerance=None, progress=False).discretisation
+    assert estimate.phases["p"].objective is not None
+    assert estimate.phases["counted"].objective is None
+
+
 def with_slack_at_points(bound: float) -> Any:
     m = integrator()
     m.slack = pyo.Var(m.p.points, bounds=(0, None))
