@@ -74,10 +74,10 @@ class DiscretisationProbe:
         phases = phases_of(model)
         self._model = model if phases else None  # which phases know weakly, and which a study may have let go
         self._beside = list(motion_beside_phases(model, phases))
-        self._data: list[tuple[Any, Any]] = []
+        self._inputs: list[tuple[Any, Any]] = []
         if phases:
             with PauseGC():  # many small objects, all of which live on
-                self._data = [(datum, datum.value) for datum in _data_of(model)]
+                self._inputs = [(datum, datum.value) for datum in _data_of(model)]
                 self._capture(model, phases, multipliers)
 
     def _capture(self, model: Any, phases: list[Any], multipliers: Callable[[], RowMultipliers | None]) -> None:
@@ -107,15 +107,15 @@ class DiscretisationProbe:
             with tables_continued(), self._data_of_the_answer():
                 errors = {captured.phase.name: captured.error(self._objective) for captured in self._phases}
             self._found = DiscretisationEstimate(self._objective, errors, tuple(self._beside))
-            self._phases, self._data, self._model = [], [], None  # what was captured is not needed any more
+            self._phases, self._inputs, self._model = [], [], None  # what was captured is not needed any more
         return self._found
 
     @contextmanager
     def _data_of_the_answer(self) -> Iterator[None]:
         """Context in which the model has the data that it was solved with: a study has put others since."""
-        now = [(datum, datum.value) for datum, _ in self._data]
+        now = [(datum, datum.value) for datum, _ in self._inputs]
         try:
-            for datum, number in self._data:
+            for datum, number in self._inputs:
                 datum.set_value(number)
             yield
         finally:
@@ -128,7 +128,7 @@ class DiscretisationProbe:
             "_objective": self._objective,
             "_found": self.error(),
             "_phases": [],
-            "_data": [],
+            "_inputs": [],
             "_beside": [],
             "_model": None,
         }

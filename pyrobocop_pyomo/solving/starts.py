@@ -18,6 +18,7 @@ from pyrobocop_pyomo.modeling.variable_values import VariableValues, within_boun
 from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.obstacles.separation_rows import members_taken_off
 from pyrobocop_pyomo.phases import Control, PhaseBlockData, State, phases_of
+from pyrobocop_pyomo.phases.phase_values import PhaseValues
 from pyrobocop_pyomo.phases.remeshing import put_on_meshes, why_not_remeshed
 from pyrobocop_pyomo.phases.simulation import SimulationOptions, rough_motion, simulate
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray
@@ -303,13 +304,10 @@ def _move(phase: Any) -> bool:
     states = (rough or {}) if trajectory is None else trajectory.states
     if not all(np.abs(of).max() < 1e6 for of in states.values()):
         return False
-    if trajectory is not None:
+    if trajectory is None:
+        PhaseValues(phase).set(states)
+    else:
         phase.initialize(trajectory)
-        return True
-    for name, numbers in states.items():
-        for variable, number in zip(phase.record.nodes(name).variables(phase), numbers.tolist(), strict=True):
-            if not variable.fixed:
-                variable.set_value(number, skip_validation=True)
     return True
 
 

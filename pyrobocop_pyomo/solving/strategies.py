@@ -230,14 +230,6 @@ def are_open(choices: Choices) -> bool:
     )
 
 
-def in_order(choices: Choices, names: Iterable[str]) -> Choices:
-    """The caller's strategies; where they are left open those with these names, with the choices that go with all."""
-    if not are_open(choices):
-        return choices
-    stated = choices if isinstance(choices, Strategy) else Strategy()
-    return tuple(replace(stated, name=name) for name in names)
-
-
 def settings_of(choices: Choices) -> dict[str, Any]:
     """What the caller's strategies, or words for such, say in the terms of `Settings`.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -31,8 +30,6 @@ from .exact_pairs import ExactPairs
 from .outcomes import seconds_left
 from .persistent_nlp import PersistentNLP
 from .shifted_warm_start import PlaceInProgram, ShiftedPlan
-
-logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
