@@ -33,10 +33,10 @@ from typing import Any
 import numpy as np
 from table import Table, show_progress
 
-from pyrobocop_pyomo.distributed.checkpoint import Checkpoint
+from pyrobocop_pyomo.distributed.team_result import Checkpoint
 from pyrobocop_pyomo.errors import TeamError, TrajectoryError
 from pyrobocop_pyomo.numerics import Grid, Mesh, radau
-from pyrobocop_pyomo.studies.outcome_file import OutcomeFile
+from pyrobocop_pyomo.studies.sweep import OutcomeFile
 from pyrobocop_pyomo.trajectories import Trajectory
 
 COLUMNS = [("file", "<12"), ("fault", "<10"), ("tries", ">6d"), ("old or new", ">10d"), ("refused", ">8d"),

@@ -42,7 +42,7 @@ from open_loop import play_back
 from table import Table, show_progress
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.distributed.messages import Order
+from pyrobocop_pyomo.distributed.rounds import Order
 from pyrobocop_pyomo.execution.engine import AgentFailure
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 
 from pyrobocop_pyomo.plotting.figures import evenly_moved, time_colours
-from pyrobocop_pyomo.plotting.outlines import outline
+from pyrobocop_pyomo.plotting.scenes import outline
 
 
 def draw_linkage(

@@ -4,12 +4,11 @@ The methods are values of `method=`, with the schedules of their rounds; the eng
 study are done, are values of `engine=`. A `Checkpoint` is a file to go on from.
 """
 
-from pyrobocop_pyomo.distributed.checkpoint import Checkpoint
 from pyrobocop_pyomo.distributed.closing import Closing
 from pyrobocop_pyomo.distributed.method import Hub, Sova
 from pyrobocop_pyomo.distributed.rounds import BarrierPath, Round, TargetedPenalties
 from pyrobocop_pyomo.distributed.team_horizon import TeamHorizon
-from pyrobocop_pyomo.distributed.team_result import TeamResult
+from pyrobocop_pyomo.distributed.team_result import Checkpoint, TeamResult
 from pyrobocop_pyomo.execution.engine import Engine
 from pyrobocop_pyomo.execution.engines import ExecutorEngine, SerialEngine
 from pyrobocop_pyomo.execution.process_engine import ProcessEngine

@@ -1,13 +1,11 @@
 """Complementarity in any Pyomo model: the component, its canonical form and its relaxations."""
 
 from . import units
-from .absolute_values import AbsoluteValuesToComplementarity as AbsoluteValuesToComplementarity
-from .canonical import CanonicalForm as CanonicalForm
-from .canonical import CanonicalPair as CanonicalPair
-from .canonical import SidePart as SidePart
 from .component import Complementarity as Complementarity
 from .component import ComplementarityData as ComplementarityData
-from .disjunctions import ComplementarityToDisjunctions as ComplementarityToDisjunctions
+from .forms import CanonicalForm as CanonicalForm
+from .forms import CanonicalPair as CanonicalPair
+from .forms import SidePart as SidePart
 from .forms import form_of as form_of
 from .grouping import Crossed as Crossed
 from .grouping import Grouping as Grouping
@@ -42,6 +40,8 @@ from .relaxing import rows_of as rows_of
 from .relaxing import shifted_rows_of as shifted_rows_of
 from .relaxing import sources_of as sources_of
 from .relaxing import without_penalty as without_penalty
+from .replaced_rows import AbsoluteValuesToComplementarity as AbsoluteValuesToComplementarity
+from .replaced_rows import ComplementarityToDisjunctions as ComplementarityToDisjunctions
 from .replaced_rows import ReplacementToken as ReplacementToken
 from .residuals import PairResidual as PairResidual
 from .residuals import pair_residuals as pair_residuals

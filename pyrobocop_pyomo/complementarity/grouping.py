@@ -11,7 +11,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from pyrobocop_pyomo.errors import ComplementarityError
 
-from .canonical import CanonicalPair
+from .forms import CanonicalPair
 
 
 @runtime_checkable

@@ -11,7 +11,7 @@ from pyomo.core.expr.numvalue import native_numeric_types
 from pyrobocop_pyomo.modeling.expressions import is_plain_variable
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan
 
-from .canonical import CanonicalForm, CanonicalPair, SidePart
+from .forms import CanonicalForm, CanonicalPair, SidePart
 from .record import RelaxationRecord, RelaxedPair
 from .units import without_units
 

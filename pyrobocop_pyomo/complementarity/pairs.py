@@ -15,9 +15,8 @@ from pyrobocop_pyomo.errors import ComplementarityError
 from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES, is_inside, outermost_inactive
 from pyrobocop_pyomo.modeling.expressions import is_plain_variable
 
-from .canonical import CanonicalForm, CanonicalPair
 from .component import Complementarity
-from .forms import form_of
+from .forms import CanonicalForm, CanonicalPair, form_of
 from .sides import read_side
 
 PAIR_TYPES = (Complementarity, MpecComplementarity)

@@ -13,7 +13,7 @@ from pyrobocop_pyomo.errors import ComplementarityError, ModelError
 from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES
 from pyrobocop_pyomo.modeling.expressions import new_leaves
 
-from .canonical import CanonicalForm
+from .forms import CanonicalForm
 from .pairs import home_of
 from .record import records_above, records_below
 

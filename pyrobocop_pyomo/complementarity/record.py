@@ -16,7 +16,7 @@ from pyrobocop_pyomo.errors import ComplementarityError
 from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES, enclosing_blocks
 from pyrobocop_pyomo.modeling.bulk_parts import new_row, new_variable, put_part
 
-from .canonical import CanonicalForm, CanonicalPair
+from .forms import CanonicalForm, CanonicalPair
 
 BLOCK_NAME = "relaxed_complementarity"
 

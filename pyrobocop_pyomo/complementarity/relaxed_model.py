@@ -11,9 +11,9 @@ from pyomo.core.base.suffix import Suffix
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ComplementarityError
-from pyrobocop_pyomo.modeling.expression_bounds import ExpressionBounds
+from pyrobocop_pyomo.modeling.expressions import ExpressionBounds
 
-from .canonical import CanonicalPair, SidePart
+from .forms import CanonicalPair, SidePart
 from .lifting import LiftedPair, SideVariable
 from .pairs import active_sources
 from .relaxing import (

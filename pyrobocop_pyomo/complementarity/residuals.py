@@ -13,7 +13,7 @@ from pyomo.core.expr.numvalue import value
 from pyrobocop_pyomo.errors import ComplementarityError
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan
 
-from .canonical import CanonicalForm, CanonicalPair, SidePart
+from .forms import CanonicalForm, CanonicalPair, SidePart
 
 
 @dataclass(frozen=True)

@@ -33,8 +33,18 @@ from pyrobocop_pyomo.modeling.bulk_parts import new_row, put_part
 from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.transcription import collocation_rows, continuity_rows
 
-from .record import Discretisation, open_sets
-from .structure import PAIRS, Axis, Spot, axes_of, axis_on, continuous_sets, row_variables, variables_of_row
+from .structure import (
+    PAIRS,
+    Axis,
+    Discretisation,
+    Spot,
+    axes_of,
+    axis_on,
+    continuous_sets,
+    open_sets,
+    row_variables,
+    variables_of_row,
+)
 
 
 def derivatives_along(spots: list[Spot], domain: Any) -> list[tuple[Any, dict[int, Any]]]:

@@ -41,8 +41,7 @@ from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 from pyrobocop_pyomo.numerics import Matching
 
-from .record import Discretisation, open_sets
-from .structure import PAIRS, Spot, axes_of, axis_on, continuous_sets, variables_of_row
+from .structure import PAIRS, Discretisation, Spot, axes_of, axis_on, continuous_sets, open_sets, variables_of_row
 
 # What becomes of a row at a point without a stage.
 HOLDS, UNDECIDED, SURPLUS = "holds", "leaves a variable to choose", "is one too many"

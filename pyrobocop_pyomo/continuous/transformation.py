@@ -19,12 +19,11 @@ from pyomo.dae import ContinuousSet, Integral
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.failures import undone_on_failure
 from pyrobocop_pyomo.numerics import Grid, Mesh, Scheme, find_scheme
-from pyrobocop_pyomo.numerics.lagrange import evaluation_matrix
+from pyrobocop_pyomo.numerics.polynomials import evaluation_matrix
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
 from .discretisation import discretise, finalise, undo_discretisation
-from .record import Discretisation, discretisation_of
-from .structure import axes_of, axis_on, continuous_sets, spots
+from .structure import Discretisation, axes_of, axis_on, continuous_sets, discretisation_of, spots
 
 logger = logging.getLogger(__name__)
 

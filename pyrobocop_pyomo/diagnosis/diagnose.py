@@ -13,9 +13,15 @@ from pyrobocop_pyomo.errors import ContradictionError, ModelError
 from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.phases.structure import HIGHER_INDEX_REMEDY, PointStructure, describe_higher_index
 
-from .determinacy import appearance_findings, dependence_findings, excess_findings, freedom_findings, stated_pairs
+from .determinacy import (
+    appearance_findings,
+    dependence_findings,
+    excess_findings,
+    freedom_findings,
+    joining_findings,
+    stated_pairs,
+)
 from .findings import Diagnosis, Finding, Severity, error_about, quoted, warning_about
-from .joining import joining_findings
 from .linearised_rows import Equations
 from .statements import (
     foreign_findings,

@@ -17,11 +17,10 @@ from pyomo.gdp import Disjunct, Disjunction
 from pyomo.util.check_units import assert_units_consistent
 
 from pyrobocop_pyomo.complementarity import Complements, canonical_form
-from pyrobocop_pyomo.complementarity.absolute_values import has_kink, is_smooth_product, is_zero_product
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES, active_sources
+from pyrobocop_pyomo.complementarity.replaced_rows import has_kink, is_smooth_product, is_zero_product
 from pyrobocop_pyomo.errors import ComplementarityError, ModelError
-from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES
-from pyrobocop_pyomo.modeling.foreign_variables import ONE_MODEL, foreign_read, foreign_variable
+from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES, ONE_MODEL, foreign_read, foreign_variable
 from pyrobocop_pyomo.modeling.rows_by_rule import as_read
 from pyrobocop_pyomo.modeling.shared_nodes import topmost_nodes, variables_in, variables_in_any
 from pyrobocop_pyomo.phases import Control, phases_of

@@ -21,12 +21,12 @@ from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.phases import Control, phases_of
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
-from pyrobocop_pyomo.programs.quadratic_cost import QuadraticCost
+from pyrobocop_pyomo.programs.wrapped_programs import QuadraticCost
 from pyrobocop_pyomo.studies.persistent_nlp import PersistentNLP
 
 from .agents import Agent, KeepApart, Shared
 from .merging import merge_agents, variable_numbers, variables_behind
-from .messages import Order, ProblemFacts, QuantityFacts, Report
+from .rounds import Order, ProblemFacts, QuantityFacts, Report
 
 FAR_AWAY = 1e3  # metres: where a neighbour stands that a robot does not have
 DELTA = FollowBarrier(floor=1e-9, factor=2.0)

@@ -13,8 +13,7 @@ from pyrobocop_pyomo.numerics import Array
 
 from .closing import Closing
 from .coordination import Coordination, TeamState
-from .messages import Order
-from .rounds import ENDINGS, BarrierPath, Round, TargetedPenalties
+from .rounds import ENDINGS, BarrierPath, Order, Round, TargetedPenalties
 
 
 @dataclass(frozen=True)

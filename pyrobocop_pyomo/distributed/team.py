@@ -13,19 +13,18 @@ import numpy as np
 from pyrobocop_pyomo.errors import TeamError
 from pyrobocop_pyomo.execution.engine import Engine
 from pyrobocop_pyomo.execution.engines import find_engine
-from pyrobocop_pyomo.execution.fingerprints import fingerprint
+from pyrobocop_pyomo.execution.tasks import fingerprint
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.presentation.progress import Progress
 
 from .agents import Agent, KeepApart, Shared
-from .checkpoint import Checkpoint
 from .closing import ClosedPlan
 from .coordination import Coordination, Physics, Plans, TeamState
 from .local_problem import ProblemSpec
 from .merging import MergedModel, merge_agents, variables_behind
 from .method import Hub, Method, Sova
 from .rounds import PlanScore, Round, ends_rounds, is_success
-from .team_result import TeamResult
+from .team_result import Checkpoint, TeamResult
 
 logger = logging.getLogger(__name__)
 

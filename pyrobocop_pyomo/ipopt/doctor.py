@@ -13,7 +13,7 @@ from pyomo.common.log import LoggingIntercept
 from pyomo.contrib.solver.common.factory import SolverFactory as NewSolverFactory
 
 from pyrobocop_pyomo._version import __version__
-from pyrobocop_pyomo.linear_solver.library import find_linear_solver
+from pyrobocop_pyomo.linear_solver.factorisation import find_linear_solver
 from pyrobocop_pyomo.programs.asl_program import find_asl_library
 from pyrobocop_pyomo.programs.compiled_terms import how_terms_are_evaluated
 from pyrobocop_pyomo.programs.vectorised_program import casadi_available

@@ -10,8 +10,12 @@ from typing import Any
 import numpy as np
 
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.linear_solver.factorisation import FactorSize, SymmetricFactorisation
-from pyrobocop_pyomo.linear_solver.library import find_linear_solver, required_linear_solver
+from pyrobocop_pyomo.linear_solver.factorisation import (
+    FactorSize,
+    SymmetricFactorisation,
+    find_linear_solver,
+    required_linear_solver,
+)
 from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram
 
 from .ipopt_outcome import IpoptStatus

@@ -1,6 +1,5 @@
 """Phases joined end to start: states that continue, or jump."""
 
-from .link_states import PhaseEnd
-from .links import Link, LinkData
+from .links import Link, LinkData, PhaseEnd
 
 __all__ = ["Link", "LinkData", "PhaseEnd"]

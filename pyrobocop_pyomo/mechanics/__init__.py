@@ -2,9 +2,8 @@
 
 from . import planar, spatial
 from .contact_laws import CoulombFriction, CoulombSlip, HardWall, SoftWall
-from .nonsmooth_functions import AbsoluteValue, Step
 from .planar_pushing import SquareSlider
-from .signal_laws import SignalLaw
+from .signal_laws import AbsoluteValue, SignalLaw, Step
 
 __all__ = [
     "AbsoluteValue",

@@ -1,11 +1,17 @@
-"""Expressions: what they hold, whether two are alike, their values, and a choice between two."""
+"""Expressions: what they hold, whether two are alike, their values, and a choice between two.
+
+Bounds of expressions by Pyomo's interval arithmetic, whatever functions they hold.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from pyomo.common.errors import InfeasibleConstraintException
+from pyomo.contrib.fbbt.expression_bounds_walker import ExpressionBoundsVisitor
 from pyomo.core.base.component import ComponentBase
 from pyomo.core.base.var import VarData
 from pyomo.core.expr import Expr_if, MonomialTermExpression
@@ -94,3 +100,16 @@ def choose(number: Any, where_nonnegative: Any, elsewhere: Any) -> Any:
         return Expr_if(IF_=number >= 0, THEN_=where_nonnegative, ELSE_=elsewhere)
     chosen = np.where(np.asarray(number) >= 0, where_nonnegative, elsewhere)
     return chosen if chosen.ndim else chosen.item()
+
+
+class ExpressionBounds(ExpressionBoundsVisitor):
+    """As its base; unbounded where it has no bounds of a function, no value within its bounds, or an overflow."""
+
+    def exitNode(self, node: Any, data: Any) -> tuple[float, float]:
+        """Bounds of a node, from those of its arguments."""
+        try:
+            bounds: tuple[float, float] = super().exitNode(node, data)
+        except (KeyError, InfeasibleConstraintException, ArithmeticError, ValueError):
+            return -math.inf, math.inf
+        unknown = any(isinstance(end, float) and math.isnan(end) for end in bounds)  # others are truth values
+        return (-math.inf, math.inf) if unknown else bounds

@@ -15,7 +15,7 @@ from pyomo.core.base.block import Block
 
 from pyrobocop_pyomo.errors import PyRobocopError
 
-from .expression_functions import FUNCTIONS, LAWS, remedy_for
+from .expression_arrays import FUNCTIONS, LAWS, remedy_for
 from .expression_nodes import NUMPY_NAMES
 
 _OF_NUMPY = {numpy_name: name for name, numpy_name in NUMPY_NAMES.items()}

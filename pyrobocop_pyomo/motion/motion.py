@@ -20,7 +20,7 @@ from pyomo.core.expr.numvalue import value
 from pyomo.dae import ContinuousSet
 from pyomo.repn import generate_standard_repn
 
-from pyrobocop_pyomo.continuous.record import Discretisation, discretisation_of
+from pyrobocop_pyomo.continuous.structure import Discretisation, discretisation_of
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry.poses import dot
 from pyrobocop_pyomo.modeling.expressions import same_expression

@@ -17,7 +17,7 @@ from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.presentation import Presented
 
 from .arrays import Array
-from .lagrange import evaluation_matrix, integration_matrix
+from .polynomials import evaluation_matrix, integration_matrix
 
 
 @dataclass(frozen=True, eq=False)  # eq=False: comparing arrays has no single truth value

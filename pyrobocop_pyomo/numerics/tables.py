@@ -17,8 +17,8 @@ from pyrobocop_pyomo.modeling.functions import Function
 from pyrobocop_pyomo.optional_imports import pandas, scipy
 
 from .arrays import Array, Indices, finite_numbers, increasing_numbers
-from .bernstein import restrict
 from .interval_arithmetic import Interval
+from .polynomials import restrict
 from .rounding import MET, NEGLIGIBLE
 from .taylor_forms import TaylorForm, taylor_form_of_polynomial
 

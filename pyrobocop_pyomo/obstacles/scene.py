@@ -16,7 +16,7 @@ from pyomo.core.expr.numvalue import NumericValue, is_fixed, value
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope
-from pyrobocop_pyomo.modeling.expression_bounds import ExpressionBounds
+from pyrobocop_pyomo.modeling.expressions import ExpressionBounds
 from pyrobocop_pyomo.motion.bodies import Body
 from pyrobocop_pyomo.motion.rules_along_motion import clearance_text, is_clearance_rule
 from pyrobocop_pyomo.templates.template import templated

@@ -9,7 +9,7 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.numerics.lagrange import differentiation_matrix
+from pyrobocop_pyomo.numerics.polynomials import differentiation_matrix
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .coupled_phases import values_in_elements

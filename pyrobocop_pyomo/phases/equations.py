@@ -18,9 +18,9 @@ from pyomo.core.expr.relational_expr import EqualityExpression, InequalityExpres
 
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import ModelError
+from pyrobocop_pyomo.modeling.activity import ONE_MODEL, foreign_read, foreign_variable
 from pyrobocop_pyomo.modeling.bulk_parts import new_row
 from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions, plain_scalar
-from pyrobocop_pyomo.modeling.foreign_variables import ONE_MODEL, foreign_read, foreign_variable
 from pyrobocop_pyomo.modeling.rows_by_rule import add_rows_by_rule
 from pyrobocop_pyomo.modeling.rule_slips import slips_explained
 from pyrobocop_pyomo.modeling.shared_nodes import expressions_returned, variables_in_any
@@ -32,8 +32,7 @@ from .families import equations_by_component
 from .horizon import quadrature_weights
 from .record import AT_BOUNDARIES, PhaseRecord, PreviousStates, Statement, add_generated, labelled_rows, place
 from .row_rules import CollocationRows, Ode, Rates, StatedRows
-from .signal_vars import NoSuchTime
-from .variables import add_generated_rows, add_values, rate_units
+from .variables import NoSuchTime, add_generated_rows, add_values, rate_units
 
 # What is said where a declaration or a rule comes a second time.
 RUN_AGAIN = "(A notebook's cell that is run again states it again: run those from the one that makes the model.)"

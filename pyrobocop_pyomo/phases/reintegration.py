@@ -16,7 +16,7 @@ import numpy as np
 
 from pyrobocop_pyomo.errors import EvaluationError, PyRobocopError, TrajectoryError
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.numerics.lagrange import gauss_rule
+from pyrobocop_pyomo.numerics.polynomials import gauss_rule
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.numerics.tables import tables_continued
 from pyrobocop_pyomo.trajectories import Trajectory

@@ -15,8 +15,8 @@ from pyomo.core.expr.numvalue import NumericValue
 from pyrobocop_pyomo.complementarity import CanonicalForm, Complementarity, canonical_form
 from pyrobocop_pyomo.complementarity.residuals import part_of_side
 from pyrobocop_pyomo.errors import TrajectoryError
+from pyrobocop_pyomo.modeling.activity import foreign_read, foreign_variable
 from pyrobocop_pyomo.modeling.failures import failures_as
-from pyrobocop_pyomo.modeling.foreign_variables import foreign_read, foreign_variable
 from pyrobocop_pyomo.modeling.row_violations import bound_violation, sides_of_row
 from pyrobocop_pyomo.modeling.shared_nodes import shared_value, variables_in_any
 from pyrobocop_pyomo.numerics import Array

@@ -22,7 +22,7 @@ from pyrobocop_pyomo.modeling.failures import undone_on_failure
 from pyrobocop_pyomo.motion import SafetyReport
 from pyrobocop_pyomo.motion.equations_motion import needed_reductions
 from pyrobocop_pyomo.numerics import Array, Mesh
-from pyrobocop_pyomo.numerics.remeshing import halves_of, remesh
+from pyrobocop_pyomo.numerics.mesh import halves_of, remesh
 from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.phases.reintegration import SMALLEST_SCALE, Reintegration, reintegrate
 from pyrobocop_pyomo.phases.remeshing import put_on_meshes, remesh_phases, why_its_mesh_is_stated

@@ -15,12 +15,16 @@ from pyomo.core.expr.numvalue import value
 from pyrobocop_pyomo.complementarity import CanonicalPair, Crossed, active_pairs, side_values
 from pyrobocop_pyomo.complementarity.grouping import PerPair, as_grouping
 from pyrobocop_pyomo.diagnosis import Finding, Severity
-from pyrobocop_pyomo.discretisation.estimates import SMALL_MOTION_ERROR, SMALL_OBJECTIVE_ERROR, ZERO_OBJECTIVE
-from pyrobocop_pyomo.discretisation.jump_times import jump_fractions
+from pyrobocop_pyomo.discretisation.estimates import (
+    SMALL_MOTION_ERROR,
+    SMALL_OBJECTIVE_ERROR,
+    ZERO_OBJECTIVE,
+    jump_fractions,
+)
 from pyrobocop_pyomo.errors import PyRobocopError, SolveFailed
 from pyrobocop_pyomo.modeling.activity import is_inside
 from pyrobocop_pyomo.numerics import Array, Mesh
-from pyrobocop_pyomo.numerics.remeshing import halves_of
+from pyrobocop_pyomo.numerics.mesh import halves_of
 from pyrobocop_pyomo.phases import Control, phases_of
 from pyrobocop_pyomo.phases.remeshing import free_element_widths, put_on_meshes
 from pyrobocop_pyomo.presentation.progress import Progress

@@ -27,8 +27,7 @@ from pyomo.core.base.var import VarData
 from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.modeling.functions import Function
 
-from .function_calls import FunctionCall
-from .model_terms import ModelTerms
+from .model_terms import FunctionCall, ModelTerms
 from .nonlinear_program import FloatArray, IndexArray, finite
 from .vectorised_program import VectorisedProgram
 

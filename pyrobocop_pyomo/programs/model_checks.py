@@ -24,7 +24,7 @@ from pyomo.repn.util import categorize_valid_components
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
 from pyrobocop_pyomo.diagnosis.statements import unfinished_findings
 from pyrobocop_pyomo.errors import EvaluationError, FunctionError, ModelError
-from pyrobocop_pyomo.modeling.foreign_variables import ONE_MODEL, foreign_read, foreign_variable
+from pyrobocop_pyomo.modeling.activity import ONE_MODEL, foreign_read, foreign_variable
 from pyrobocop_pyomo.modeling.functions import FunctionOutput, python_function_refused
 from pyrobocop_pyomo.modeling.shared_nodes import shared_value, topmost_nodes, variables_in
 

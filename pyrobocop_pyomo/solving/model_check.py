@@ -13,7 +13,7 @@ from pyomo.core.base.objective import Objective
 from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.complementarity import CanonicalPair, active_sources, canonical_form
-from pyrobocop_pyomo.modeling.expression_bounds import ExpressionBounds
+from pyrobocop_pyomo.modeling.expressions import ExpressionBounds
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan, relation_violation
 from pyrobocop_pyomo.modeling.rows_by_rule import RowByRule, bounds_of, content_of, rows_by_component
 from pyrobocop_pyomo.numerics.rounding import MET, ROUNDING

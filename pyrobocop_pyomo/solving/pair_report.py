@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pyrobocop_pyomo.complementarity import PairResidual
-from pyrobocop_pyomo.complementarity.canonical import PAIR_ROLES
+from pyrobocop_pyomo.complementarity.forms import PAIR_ROLES
 from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
 from pyrobocop_pyomo.numerics.rounding import MET
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.complementarity import canonical_form, pair_residuals, pairs_of
-from pyrobocop_pyomo.complementarity.absolute_values import is_zero_product
+from pyrobocop_pyomo.complementarity.replaced_rows import is_zero_product
 from pyrobocop_pyomo.errors import ComplementarityError
 
 from .harness import nl_text, state

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pyrobocop_pyomo.discretisation.best_controls import least_integrand_within_rows
+from pyrobocop_pyomo.discretisation.lagrangian import least_integrand_within_rows
 
 Array = NDArray[np.float64]
 

@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from tiny_agents import SPECS, TinySpec, missing_data
 
-from pyrobocop_pyomo.distributed.checkpoint import Checkpoint
+from pyrobocop_pyomo.distributed.team_result import Checkpoint
 from pyrobocop_pyomo.errors import ModelError, TeamError
-from pyrobocop_pyomo.execution.fingerprints import fingerprint
+from pyrobocop_pyomo.execution.tasks import fingerprint
 
 ARRAYS = hnp.arrays(
     st.sampled_from([np.float64, np.int64, np.bool_]), hnp.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=4)
@@ -132,7 +132,7 @@ def test_fingerprints_of_an_example_are_the_same_whatever_the_hashes_of_texts_ar
     code = (
         f"import sys; sys.path[:0] = [{str(Path(__file__).parent)!r}]\n"
         "from pushing_team import pushing_team\n"
-        "from pyrobocop_pyomo.execution.fingerprints import fingerprint\n"
+        "from pyrobocop_pyomo.execution.tasks import fingerprint\n"
         "from pyrobocop_pyomo.teams import Hub\n"
         "print(fingerprint([*pushing_team().problem_specs(), Hub()]))"
     )

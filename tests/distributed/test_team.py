@@ -9,7 +9,7 @@ from pushing_team import pushing_team
 from quadratic_agents import crossing, middle, quadratic, random_problems
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.distributed.checkpoint import Checkpoint
+from pyrobocop_pyomo.distributed.team_result import Checkpoint
 from pyrobocop_pyomo.errors import SolveFailed, TeamError
 from pyrobocop_pyomo.teams import Hub, Sova
 

@@ -14,7 +14,7 @@ from pushing_team import pushing_team
 from tiny_agents import worker_ids
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.distributed.messages import Order
+from pyrobocop_pyomo.distributed.rounds import Order
 from pyrobocop_pyomo.execution.engine import Engine
 from pyrobocop_pyomo.execution.engines import dask_engine
 

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.diagnosis import Severity
 from pyrobocop_pyomo.numerics import remesh
-from pyrobocop_pyomo.obstacles.initial_separations import _cheapest_path
+from pyrobocop_pyomo.obstacles.avoidance_block import _cheapest_path
 from pyrobocop_pyomo.obstacles.tightening import tighten
 
 from .code_blocks import ROOT

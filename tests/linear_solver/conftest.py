@@ -2,7 +2,7 @@
 
 import pytest
 
-from pyrobocop_pyomo.linear_solver.library import LINEAR_SOLVER_NAME
+from pyrobocop_pyomo.linear_solver.factorisation import LINEAR_SOLVER_NAME
 from pyrobocop_pyomo.native.shared_library import shared_library
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from pyrobocop_pyomo.linear_solver.library import LINEAR_SOLVER_NAME
+from pyrobocop_pyomo.linear_solver.factorisation import LINEAR_SOLVER_NAME
 from pyrobocop_pyomo.native.shared_library import library_sources
 
 PROGRAM = Path(__file__).parent / "native" / "stress.c"

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.modeling.expression_arrays import ArrayEntry, ExpressionArray, plain_expressions
-from pyrobocop_pyomo.modeling.expression_functions import FUNCTIONS
+from pyrobocop_pyomo.modeling.expression_arrays import FUNCTIONS, ArrayEntry, ExpressionArray, plain_expressions
 
 ABOVE_ONE = {"arccosh"}
 POSITIVE = {"log", "log2", "log10", "log1p", "sqrt", "reciprocal", "hypot", "arctan2"}

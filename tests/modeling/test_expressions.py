@@ -11,10 +11,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pyomo.core.expr.visitor import identify_variables
 
-from pyrobocop_pyomo.modeling.expression_bounds import ExpressionBounds
 from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS, NUMPY_NAMES
 from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
-from pyrobocop_pyomo.modeling.expressions import never_changes, new_leaves, same_expression
+from pyrobocop_pyomo.modeling.expressions import ExpressionBounds, never_changes, new_leaves, same_expression
 from pyrobocop_pyomo.modeling.shared_nodes import (
     NodeValues,
     shared_value,

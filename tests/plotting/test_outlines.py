@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial import ConvexHull
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.plotting.outlines import convex_faces, convex_outline, faces, outline
+from pyrobocop_pyomo.plotting.scenes import convex_faces, convex_outline, faces, outline
 
 # Whole numbers: many of them on one line, which is what goes wrong in hulls.
 planar = arrays(float, st.tuples(st.integers(3, 12), st.just(2)), elements=st.integers(-3, 3).map(float))

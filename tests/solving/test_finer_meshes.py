@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.discretisation import DiscretisationEstimate
 from pyrobocop_pyomo.errors import EvaluationError
-from pyrobocop_pyomo.numerics.remeshing import halves_of
+from pyrobocop_pyomo.numerics.mesh import halves_of
 from pyrobocop_pyomo.planning import mesh_loop
 
 pytestmark = pytest.mark.ipopt

@@ -10,8 +10,8 @@ from harness.phases import integrator
 from harness.safety_reports import report_of_a_collision
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.studies.outcome_file import outcome_from_json, outcome_to_json
 from pyrobocop_pyomo.studies.outcomes import Outcome, StudyResult
+from pyrobocop_pyomo.studies.sweep import outcome_from_json, outcome_to_json
 from pyrobocop_pyomo.studies.sweep_cases import SweepCase
 
 pytestmark = pytest.mark.casadi

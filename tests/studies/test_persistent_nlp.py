@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pyrobocop_pyomo.errors import ComplementarityError, ModelError
-from pyrobocop_pyomo.programs.quadratic_cost import QuadraticCost
+from pyrobocop_pyomo.programs.wrapped_programs import QuadraticCost
 from pyrobocop_pyomo.relaxations import FollowBarrier
 from pyrobocop_pyomo.studies import PersistentNLP
 

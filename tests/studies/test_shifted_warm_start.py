@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
-from pyrobocop_pyomo.studies.shifted_warm_start import ShiftedPlan
+from pyrobocop_pyomo.studies.persistent_nlp import ShiftedPlan
 
 
 @pytest.mark.parametrize("scheme", ["radau", "gauss"])

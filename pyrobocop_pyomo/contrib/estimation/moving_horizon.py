@@ -30,10 +30,9 @@ from pyrobocop_pyomo.phases import Control, Parameter, PhaseBlockData
 from pyrobocop_pyomo.phases.nodes import IntervalNodes
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
 from pyrobocop_pyomo.presentation import Presented
-from pyrobocop_pyomo.programs.quadratic_cost import QuadraticCost
-from pyrobocop_pyomo.studies.persistent_nlp import PersistentNLP
+from pyrobocop_pyomo.programs.wrapped_programs import QuadraticCost
+from pyrobocop_pyomo.studies.persistent_nlp import PersistentNLP, ShiftedPlan
 from pyrobocop_pyomo.studies.receding_horizon import refuse_unfit_phase
-from pyrobocop_pyomo.studies.shifted_warm_start import ShiftedPlan
 
 from .outputs import PhaseOutputs
 

@@ -16,7 +16,7 @@ from pyomo.core.expr.numvalue import value
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.ipopt.ipopt_run import readings
 from pyrobocop_pyomo.ipopt.linear_solvers import with_linear_solver
-from pyrobocop_pyomo.linear_solver.library import LINEAR_SOLVER_NAME
+from pyrobocop_pyomo.linear_solver.factorisation import LINEAR_SOLVER_NAME
 from pyrobocop_pyomo.native.shared_library import library_sources
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases import Control
@@ -27,8 +27,8 @@ from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
 from pyrobocop_pyomo.programs.summed_terms import SummedTerms, TermFunction
 from pyrobocop_pyomo.programs.vectorised_program import VectorisedProgram
 from pyrobocop_pyomo.solving.ipopt_options import warm_start
+from pyrobocop_pyomo.studies.persistent_nlp import Move, PlaceInProgram, ShiftedPlan
 from pyrobocop_pyomo.studies.receding_horizon import RecedingHorizon
-from pyrobocop_pyomo.studies.shifted_warm_start import Move, PlaceInProgram, ShiftedPlan
 
 TEMPLATE, HEADER = Path(__file__).with_name("controller.c"), Path(__file__).with_name("controller.h")
 
