@@ -36,7 +36,7 @@ from pyrobocop_pyomo.solving.executable_session import ExecutableSession
 from pyrobocop_pyomo.solving.in_process_session import InProcessSession
 from pyrobocop_pyomo.solving.ipopt_options import IpoptOptions, warm_continuation
 from pyrobocop_pyomo.solving.iterates import Iterate
-from pyrobocop_pyomo.solving.settings import Settings
+from pyrobocop_pyomo.solving.strategies import Settings
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 

@@ -29,7 +29,7 @@ import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.native.shared_library import SWITCH_VARIABLE
 from pyrobocop_pyomo.programs.asl_program import asl_available
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.compiled_terms import evaluation_library
+from pyrobocop_pyomo.programs.summed_terms import evaluation_library
 
 EXAMPLES = (
     "quadrotor_window", "crossing", "two_link_arm", "cart_pole", "acrobot", "planar_pushing", "stick_slip"

@@ -27,7 +27,7 @@ from table import Table, show_progress
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.linear_solver import find_linear_solver
 from pyrobocop_pyomo.native.shared_library import SWITCH_VARIABLE
-from pyrobocop_pyomo.programs.compiled_terms import evaluation_library
+from pyrobocop_pyomo.programs.summed_terms import evaluation_library
 
 Options = dict[str, object]
 BY_HAND = "CasADi by hand"

@@ -9,8 +9,7 @@ import numpy as np
 import pyomo.environ as pyo
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.geometry.grid_path_search import grid_distances
-from pyrobocop_pyomo.obstacles.rerouting import grid_lower_bounds
+from pyrobocop_pyomo.obstacles.rerouting import grid_distances, grid_lower_bounds
 
 CLEARANCE = 0.05
 CELL = 0.1

@@ -15,7 +15,7 @@ from pyrobocop_pyomo.modeling.expressions import ExpressionBounds
 
 from .forms import CanonicalPair, SidePart
 from .lifting import LiftedPair, SideVariable
-from .pairs import active_sources
+from .pairs import active_sources, side_values
 from .relaxing import (
     crossed_pairs_of,
     delta_of,
@@ -27,7 +27,6 @@ from .relaxing import (
     revert,
     shifted_rows_of,
 )
-from .residuals import side_values
 
 SIDES_HOLD = (
     "Both sides of a pair are >= 0 at all times: what acts only where a gap is closed is "

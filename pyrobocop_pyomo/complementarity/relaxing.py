@@ -25,9 +25,8 @@ from pyrobocop_pyomo.errors import ComplementarityError
 from pyrobocop_pyomo.modeling.activity import deactivate, is_inside, outermost_inactive
 
 from .forms import CanonicalForm, CanonicalPair
-from .grouping import Grouping, as_grouping
 from .lifting import LiftedPair, SideVariable, relaxed_pairs, side_variable
-from .pairs import active_sources, canonical_form
+from .pairs import PairResidual, active_sources, canonical_form, pair_residuals
 from .preconditions import (
     only_objective,
     refuse_disjuncts,
@@ -48,8 +47,7 @@ from .record import (
     records_above,
     records_below,
 )
-from .relaxations import ObjectiveTerm, Relaxation, as_relaxation
-from .residuals import PairResidual, pair_residuals
+from .relaxations import Grouping, ObjectiveTerm, Relaxation, as_grouping, as_relaxation
 from .units import in_units_of, without_units
 
 # -------------------------------------------------------------------------------------------------- the generated block

@@ -40,9 +40,8 @@ from pyrobocop_pyomo.modeling.shared_nodes import topmost_nodes
 
 from .component import Complementarity, index_without_time
 from .forms import CanonicalForm
-from .pairs import PAIR_TYPES, active_parts, canonical_form, home_of
+from .pairs import PAIR_TYPES, PairResidual, active_parts, canonical_form, home_of, pair_residuals
 from .preconditions import refuse_foreign_token, refuse_leaves, refuse_nothing, refuse_unusable
-from .residuals import PairResidual, pair_residuals
 from .statement import complements
 
 

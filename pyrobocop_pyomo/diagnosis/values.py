@@ -16,9 +16,8 @@ from pyrobocop_pyomo.complementarity import canonical_form, generating_pairs, pa
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
 from pyrobocop_pyomo.complementarity.relaxed_model import SIDES_HOLD
 from pyrobocop_pyomo.continuous.discretisation import discretisations_on
-from pyrobocop_pyomo.modeling.row_violations import bound_violation, relation_violation
+from pyrobocop_pyomo.modeling.row_violations import UndefinedPart, bound_violation, relation_violation, undefined_part
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
-from pyrobocop_pyomo.modeling.undefined_values import UndefinedPart, undefined_part
 from pyrobocop_pyomo.numerics.rounding import MET
 from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.phases.boundary_conditions import KINDS, EndViolation, end_violations, values_given, violations_of

@@ -39,7 +39,6 @@ from pyrobocop_pyomo.numerics.rounding import MET
 from pyrobocop_pyomo.numerics.tables import tables_continued
 from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.phases import Control, phases_of
-from pyrobocop_pyomo.phases.asked_by_point import asked_by_point, read_inside_elements
 from pyrobocop_pyomo.phases.bounds_between_points import (
     BoundPassed,
     bounds_passed,
@@ -53,7 +52,7 @@ from pyrobocop_pyomo.phases.equations import INTEGRALS
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
 from pyrobocop_pyomo.phases.record import Statement
 from pyrobocop_pyomo.phases.reintegration import reintegrate
-from pyrobocop_pyomo.phases.rule_formulas import RuleFormulas
+from pyrobocop_pyomo.phases.rule_formulas import RuleFormulas, asked_by_point, read_inside_elements
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .estimates import SMALL_MOTION_ERROR, ZERO_OBJECTIVE, DiscretisationEstimate, PhaseEstimate

@@ -15,7 +15,7 @@ from pyomo.contrib.solver.common.factory import SolverFactory as NewSolverFactor
 from pyrobocop_pyomo._version import __version__
 from pyrobocop_pyomo.linear_solver.factorisation import find_linear_solver
 from pyrobocop_pyomo.programs.asl_program import find_asl_library
-from pyrobocop_pyomo.programs.compiled_terms import how_terms_are_evaluated
+from pyrobocop_pyomo.programs.summed_terms import how_terms_are_evaluated
 from pyrobocop_pyomo.programs.vectorised_program import casadi_available
 
 from .backends import NO_IPOPT, WAYS_TO_IPOPT, find_ipopt_executable

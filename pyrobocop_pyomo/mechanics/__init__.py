@@ -1,9 +1,8 @@
 """Reusable models of contact mechanics."""
 
 from . import planar, spatial
-from .contact_laws import CoulombFriction, CoulombSlip, HardWall, SoftWall
 from .planar_pushing import SquareSlider
-from .signal_laws import AbsoluteValue, SignalLaw, Step
+from .signal_laws import AbsoluteValue, CoulombFriction, CoulombSlip, HardWall, SignalLaw, SoftWall, Step
 
 __all__ = [
     "AbsoluteValue",

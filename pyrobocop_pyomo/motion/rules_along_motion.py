@@ -25,9 +25,9 @@ from pyrobocop_pyomo.modeling.expression_steps import UnknownFunction
 from pyrobocop_pyomo.modeling.expressions import is_plain_variable
 from pyrobocop_pyomo.modeling.rule_slips import block_as_number, forgotten_index, slips_explained
 from pyrobocop_pyomo.numerics import Array, Indices
+from pyrobocop_pyomo.numerics.interval_arithmetic import TAYLOR_FUNCTIONS, TaylorForm
 from pyrobocop_pyomo.numerics.polynomials import bernstein_from_samples, evaluation_matrix
 from pyrobocop_pyomo.numerics.tables import tables_continued
-from pyrobocop_pyomo.numerics.taylor_forms import TAYLOR_FUNCTIONS, TaylorForm
 from pyrobocop_pyomo.phases.bounds_between_points import PiecewisePolynomial
 from pyrobocop_pyomo.templates.slots import Always, Clock, Item, NamedItem, Place, Slot, Time
 from pyrobocop_pyomo.templates.template import templated

@@ -17,10 +17,9 @@ from pyrobocop_pyomo.modeling.functions import Function
 from pyrobocop_pyomo.optional_imports import pandas, scipy
 
 from .arrays import Array, Indices, finite_numbers, increasing_numbers
-from .interval_arithmetic import Interval
+from .interval_arithmetic import Interval, TaylorForm, taylor_form_of_polynomial
 from .polynomials import restrict
 from .rounding import MET, NEGLIGIBLE
-from .taylor_forms import TaylorForm, taylor_form_of_polynomial
 
 Kind = Literal["linear", "cubic", "natural", "quintic", "monotone"]
 Outside = Literal["error", "linear", "constant"]

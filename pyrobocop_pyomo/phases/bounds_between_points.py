@@ -23,6 +23,7 @@ from pyrobocop_pyomo.modeling.functions import function_called
 from pyrobocop_pyomo.modeling.row_violations import sides_of_row
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 from pyrobocop_pyomo.numerics import Array, BoolArray, Indices
+from pyrobocop_pyomo.numerics.interval_arithmetic import TAYLOR_FUNCTIONS, TaylorForm, taylor_form_of_polynomial
 from pyrobocop_pyomo.numerics.polynomials import (
     bernstein_from_samples,
     bernstein_matrix,
@@ -31,7 +32,6 @@ from pyrobocop_pyomo.numerics.polynomials import (
     restrict,
 )
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
-from pyrobocop_pyomo.numerics.taylor_forms import TAYLOR_FUNCTIONS, TaylorForm, taylor_form_of_polynomial
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .coupled_phases import values_in_elements

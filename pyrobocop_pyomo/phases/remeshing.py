@@ -33,7 +33,6 @@ from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.templates.template import same_results
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .asked_by_point import asked_by_point
 from .declarations import Bounds, Control, within
 from .delays import restate_values_at_times
 from .equations import add_derivative, add_statement, restate_integrals
@@ -41,6 +40,7 @@ from .horizon import add_boundaries, make_mesh
 from .nodes import IntervalNodes, KnotNodes, Nodes, StateNodes
 from .phase_values import PhaseValues
 from .record import PhaseRecord
+from .rule_formulas import asked_by_point
 from .variables import add_variables
 
 _REMEDY = (

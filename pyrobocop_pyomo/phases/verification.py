@@ -13,7 +13,7 @@ from pyomo.core.base.constraint import Constraint
 from pyomo.core.expr.numvalue import NumericValue
 
 from pyrobocop_pyomo.complementarity import CanonicalForm, Complementarity, canonical_form
-from pyrobocop_pyomo.complementarity.residuals import part_of_side
+from pyrobocop_pyomo.complementarity.pairs import part_of_side
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.activity import foreign_read, foreign_variable
 from pyrobocop_pyomo.modeling.failures import failures_as

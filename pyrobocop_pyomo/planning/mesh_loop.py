@@ -30,10 +30,9 @@ from pyrobocop_pyomo.solving.ipopt_options import FINER_MESH, ITERATIONS_OF_ONE,
 from pyrobocop_pyomo.solving.iterates import Quality, StopReason
 from pyrobocop_pyomo.solving.procedure import solve_model
 from pyrobocop_pyomo.solving.result_text import KEPT_MESH
-from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult, with_steps_of_all
 from pyrobocop_pyomo.solving.starts import EXPLORED_ELEMENTS, elements_of
-from pyrobocop_pyomo.solving.strategies import ABSOLUTE_VALUES, SOLVE
+from pyrobocop_pyomo.solving.strategies import ABSOLUTE_VALUES, SOLVE, Settings
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .planning_point import PlanningPoint

@@ -30,9 +30,9 @@ from pyrobocop_pyomo.programs.compiled_model import KeptProgram
 from pyrobocop_pyomo.solving.ipopt_options import NEARLY_SAFE, NEARLY_THERE, SIDE_ITERATIONS
 from pyrobocop_pyomo.solving.iterates import Quality, StopReason
 from pyrobocop_pyomo.solving.procedure import solve_model
-from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult, with_steps_of_all
 from pyrobocop_pyomo.solving.starts import EXPLORED_ELEMENTS, coarser_copy, elements_of, take_values_of_copy
+from pyrobocop_pyomo.solving.strategies import Settings
 
 from .mesh_loop import MeshLoop, plan_for_safety
 from .planning_point import PlanningPoint

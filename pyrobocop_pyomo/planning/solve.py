@@ -27,9 +27,8 @@ from pyrobocop_pyomo.presentation.progress import Progress
 from pyrobocop_pyomo.solving.ipopt_options import IpoptOptions
 from pyrobocop_pyomo.solving.iterates import Quality, checked_tolerances
 from pyrobocop_pyomo.solving.procedure import solve_model
-from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult
-from pyrobocop_pyomo.solving.strategies import Choices, settings_of
+from pyrobocop_pyomo.solving.strategies import Choices, Settings, settings_of
 
 from .integer_controls import open_choices, solve_with_integer_controls
 from .mesh_loop import solve_on_finer_meshes

@@ -13,7 +13,7 @@ from pyomo.core.base.constraint import ConstraintList
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.complementarity import CanonicalPair, Crossed, active_pairs, side_values
-from pyrobocop_pyomo.complementarity.grouping import PerPair, as_grouping
+from pyrobocop_pyomo.complementarity.relaxations import PerPair, as_grouping
 from pyrobocop_pyomo.diagnosis import Finding, Severity
 from pyrobocop_pyomo.discretisation.estimates import (
     SMALL_MOTION_ERROR,
@@ -31,10 +31,9 @@ from pyrobocop_pyomo.presentation.progress import Progress
 from pyrobocop_pyomo.solving.ipopt_options import NEARLY_THERE
 from pyrobocop_pyomo.solving.iterates import Quality
 from pyrobocop_pyomo.solving.procedure import solve_model
-from pyrobocop_pyomo.solving.settings import Settings
 from pyrobocop_pyomo.solving.solve_result import SolveResult, with_steps_of_all
 from pyrobocop_pyomo.solving.starts import take_values_of_copy
-from pyrobocop_pyomo.solving.strategies import BARRIER, TIGHT
+from pyrobocop_pyomo.solving.strategies import BARRIER, TIGHT, Settings
 
 from .mesh_loop import MeshLoop, MeshPlan
 

@@ -23,12 +23,11 @@ from pyrobocop_pyomo.errors import ModelError, SolverNotFoundError
 from pyrobocop_pyomo.modeling.rows_by_rule import RowByRule
 
 from .asl_program import ASL_REMEDY
-from .compiled_terms import SumsStructure, evaluation_library
 from .model_checks import number_in
 from .model_terms import ModelTerms
 from .nonlinear_program import FloatArray, NonlinearProgram, Scales, finite
 from .row_values import KNOWN_BOUNDS, BoundArrays
-from .summed_terms import SummedTerms, place_hessians
+from .summed_terms import SummedTerms, SumsStructure, evaluation_library, place_hessians
 
 # ---------------------------------------------------------------------------------------------- numbers that may change
 

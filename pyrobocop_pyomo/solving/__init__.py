@@ -4,7 +4,7 @@ from pyrobocop_pyomo.diagnosis.least_violation import LeastViolation, Obstructio
 from pyrobocop_pyomo.programs.automatic_scaling import ScalingRecord
 
 from .iterates import Iterate, Quality, Standing, StopReason
-from .pair_report import ActiveSide, PairReport
+from .result_text import ActiveSide, PairReport
 from .solve_result import SolveResult
 from .strategies import Strategy
 from .violations import Violation

@@ -38,7 +38,7 @@ from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint, Scales
 from .ipopt_options import IPOPT_MU_INIT, IPOPT_TOLERANCE, SCALED, IpoptOptions, warm_start
 from .iterates import Iterate
 from .session import Session
-from .settings import Settings
+from .strategies import Settings
 
 _SUFFIXES = {
     "dual": Suffix.IMPORT_EXPORT,

@@ -26,7 +26,7 @@ from pyrobocop_pyomo.programs.wrapped_programs import ElasticRows, ScaledProgram
 from .ipopt_options import IpoptOptions
 from .iterates import Iterate
 from .session import DeltaFollowsBarrier, OnIteration, Session
-from .settings import Settings
+from .strategies import Settings
 
 
 class InProcessSession(Session):

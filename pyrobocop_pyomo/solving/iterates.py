@@ -13,7 +13,7 @@ from pyrobocop_pyomo.errors import KeywordError
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.modeling.keywords import check_keywords
 from pyrobocop_pyomo.mpcc.active_set import Certificate
-from pyrobocop_pyomo.mpcc.stationarity import Multipliers
+from pyrobocop_pyomo.mpcc.multipliers import Multipliers
 from pyrobocop_pyomo.numerics.rounding import MET
 from pyrobocop_pyomo.presentation import Presented
 

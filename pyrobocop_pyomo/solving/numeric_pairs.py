@@ -10,8 +10,8 @@ import numpy as np
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.complementarity import LiftedPair, SideVariable
+from pyrobocop_pyomo.mpcc.multipliers import Multipliers
 from pyrobocop_pyomo.mpcc.problem import ComplementarityProgram, Sides
-from pyrobocop_pyomo.mpcc.stationarity import Multipliers
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram, Scales
 from pyrobocop_pyomo.programs.wrapped_programs import ScaledProgram, WithoutRows, WrappedProgram

@@ -17,9 +17,15 @@ from pyrobocop_pyomo.ipopt.suffixes import InProcessSolutionLoader
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, BranchPoint, Certificate, Limits
-from pyrobocop_pyomo.mpcc.multipliers import STATIONARY, MultiplierProblem, classify, strong_multipliers
+from pyrobocop_pyomo.mpcc.multipliers import (
+    STATIONARY,
+    MultiplierProblem,
+    Multipliers,
+    Stationarity,
+    classify,
+    strong_multipliers,
+)
 from pyrobocop_pyomo.mpcc.problem import Linearisation, nearest_branch, restricted
-from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
 from pyrobocop_pyomo.numerics.rounding import MET
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.automatic_scaling import objective_slope, variable_sizes
@@ -32,7 +38,7 @@ from .iterates import Iterate, Quality, StopReason
 from .numeric_pairs import numeric_pairs, without_crossed
 from .record import Record
 from .session import Session
-from .settings import Settings
+from .strategies import Settings
 
 logger = logging.getLogger(__name__)
 

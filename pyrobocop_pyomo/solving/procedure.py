@@ -24,7 +24,7 @@ from pyrobocop_pyomo.errors import ComplementarityError, ContradictionError
 from pyrobocop_pyomo.modeling.failures import undone_on_failure
 from pyrobocop_pyomo.modeling.rows_by_rule import content_of
 from pyrobocop_pyomo.mpcc.active_set import Certificate
-from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
+from pyrobocop_pyomo.mpcc.multipliers import Multipliers, Stationarity
 from pyrobocop_pyomo.numerics.rounding import MET
 from pyrobocop_pyomo.phases import phases_of
 
@@ -33,7 +33,6 @@ from .ipopt_options import ITERATIONS_OF_ONE, ROUGH
 from .iterates import Iterate, Quality, StopReason
 from .record import EXPLORED_WORK
 from .runner import Runner
-from .settings import Settings
 from .solve_result import SolveResult
 from .starts import EXPLORED_ELEMENTS, elements_of_copy
 from .strategies import (
@@ -47,6 +46,7 @@ from .strategies import (
     SOLVE,
     STRATEGIES,
     TIGHT,
+    Settings,
     StartingPoint,
     Strategy,
     other_starts,

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pyrobocop_pyomo.complementarity import CanonicalPair, PairResidual
-from pyrobocop_pyomo.complementarity.residuals import part_of_side
+from pyrobocop_pyomo.complementarity.pairs import part_of_side
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.mpcc.active_set import Certificate, ExploredBranches
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
@@ -21,8 +21,7 @@ from pyrobocop_pyomo.programs.row_values import RowValues
 
 from .iterates import Iterate, Quality, StopReason
 from .model_check import ModelCheck, SideSizes
-from .settings import Settings
-from .strategies import CROSS_CHECKED_PAIRS, End, StartingPoint, Strategy
+from .strategies import CROSS_CHECKED_PAIRS, End, Settings, StartingPoint, Strategy
 from .violations import Violation, violations_of_pairs
 
 logger = logging.getLogger(__name__)

@@ -26,18 +26,16 @@ from pyrobocop_pyomo.programs.nonlinear_program import Scales
 from pyrobocop_pyomo.programs.wrapped_programs import ScaledProgram
 
 from .curvature import direction_of_descent
-from .initial_guess import InitialGuess
 from .ipopt_options import ITERATIONS_OF_ONE, inexact, warm_continuation
 from .iterates import Iterate, StopReason
 from .polish import Polish
 from .record import Record
 from .session import Session
-from .settings import Settings
 from .solve_result import SolveResult
 from .starts import EXPLORED_ELEMENTS, coarser_copy, put_start, take_values_of_copy
-from .strategies import BEYOND_SADDLE, FROM_THE_BEST, OTHER_OPTIMUM, SOLVE, StartingPoint, Strategy
+from .strategies import BEYOND_SADDLE, FROM_THE_BEST, OTHER_OPTIMUM, SOLVE, Settings, StartingPoint, Strategy
 from .violations import growing_variables
-from .workplaces import Workplace, Workplaces
+from .workplaces import InitialGuess, Workplace, Workplaces
 
 logger = logging.getLogger(__name__)
 

@@ -29,7 +29,7 @@ from pyrobocop_pyomo.programs.wrapped_programs import ShiftedRows
 
 from .ipopt_options import IPOPT_MU_INIT, SCALED, IpoptOptions
 from .iterates import Iterate
-from .settings import Settings
+from .strategies import Settings
 
 OnIteration = Callable[[IterationRecord], Any]
 

@@ -16,7 +16,7 @@ from pyrobocop_pyomo.errors import SolveFailed
 from pyrobocop_pyomo.modeling.variable_values import checksum_of_model
 from pyrobocop_pyomo.motion import SafetyReport
 from pyrobocop_pyomo.mpcc.active_set import Certificate
-from pyrobocop_pyomo.mpcc.stationarity import Multipliers
+from pyrobocop_pyomo.mpcc.multipliers import Multipliers
 from pyrobocop_pyomo.optional_imports import pandas
 from pyrobocop_pyomo.plotting import plot_result
 from pyrobocop_pyomo.presentation import Presented
@@ -24,8 +24,7 @@ from pyrobocop_pyomo.programs.automatic_scaling import ScalingRecord
 from pyrobocop_pyomo.trajectories.trajectory import SOLVED
 
 from .iterates import Iterate, Quality, Standing, StopReason, step_header
-from .pair_report import ActiveSide, PairReport, pair_reports
-from .result_text import first_line, long_report, pair_table, short_text, verdict
+from .result_text import ActiveSide, PairReport, first_line, long_report, pair_reports, pair_table, short_text, verdict
 from .violations import Violation
 
 

@@ -13,9 +13,9 @@ from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.execution.engine import Engine
 from pyrobocop_pyomo.solving.starts import RandomStarts
 
-from .named_data import by_component
 from .outcomes import StudyResult, ranked
 from .sweep import sweep
+from .sweep_cases import by_component
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -28,8 +28,7 @@ from pyrobocop_pyomo.complementarity import (
     active_pairs,
     complements,
 )
-from pyrobocop_pyomo.complementarity.grouping import as_grouping
-from pyrobocop_pyomo.complementarity.relaxations import RELAXATIONS, as_relaxation
+from pyrobocop_pyomo.complementarity.relaxations import RELAXATIONS, as_grouping, as_relaxation
 from pyrobocop_pyomo.errors import ComplementarityError
 
 from .harness import RELAX, stages

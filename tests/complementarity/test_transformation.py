@@ -17,8 +17,7 @@ from pyrobocop_pyomo.complementarity import (
     complements,
     without_penalty,
 )
-from pyrobocop_pyomo.complementarity.grouping import GROUPINGS
-from pyrobocop_pyomo.complementarity.relaxations import RELAXATIONS
+from pyrobocop_pyomo.complementarity.relaxations import GROUPINGS, RELAXATIONS
 from pyrobocop_pyomo.errors import ComplementarityError
 
 from .harness import RELAX, nl_text, round_trip, state, text_without_pairs

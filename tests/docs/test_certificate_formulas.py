@@ -14,7 +14,7 @@ from scipy.optimize import linprog
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptOutcome, IpoptStatus
 from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, BranchPoint, Certificate
 from pyrobocop_pyomo.mpcc.lpec import steepest_branch
-from pyrobocop_pyomo.mpcc.multipliers import MultiplierProblem, classify
+from pyrobocop_pyomo.mpcc.multipliers import MultiplierProblem, Stationarity, classify
 from pyrobocop_pyomo.mpcc.problem import (
     Branch,
     ComplementarityProgram,
@@ -23,7 +23,6 @@ from pyrobocop_pyomo.mpcc.problem import (
     restricted,
     violation,
 )
-from pyrobocop_pyomo.mpcc.stationarity import Stationarity
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
 
 SMALL = st.integers(-3, 3).map(float)

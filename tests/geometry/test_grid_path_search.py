@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pyrobocop_pyomo.geometry.grid_path_search import grid_distances, grid_path
+from pyrobocop_pyomo.obstacles.rerouting import grid_distances, grid_path
 
 
 @pytest.mark.parametrize("dimension", [1, 2, 3])

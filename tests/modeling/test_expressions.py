@@ -14,6 +14,7 @@ from pyomo.core.expr.visitor import identify_variables
 from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS, NUMPY_NAMES
 from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
 from pyrobocop_pyomo.modeling.expressions import ExpressionBounds, never_changes, new_leaves, same_expression
+from pyrobocop_pyomo.modeling.row_violations import undefined_part
 from pyrobocop_pyomo.modeling.shared_nodes import (
     NodeValues,
     shared_value,
@@ -21,7 +22,6 @@ from pyrobocop_pyomo.modeling.shared_nodes import (
     variables_in,
     variables_in_any,
 )
-from pyrobocop_pyomo.modeling.undefined_values import undefined_part
 
 
 def model(x=1.0, y=2.0):

@@ -16,7 +16,7 @@ from pyrobocop_pyomo.errors import EvaluationError, ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, planar_pose
 from pyrobocop_pyomo.motion import Body, motion_of
 from pyrobocop_pyomo.motion.moving_shapes import template_of
-from pyrobocop_pyomo.numerics.taylor_forms import TaylorForm, taylor_form_of_polynomial
+from pyrobocop_pyomo.numerics.interval_arithmetic import TaylorForm, taylor_form_of_polynomial
 
 BOX = Polytope.box(1, 1)
 TIMES = [0.0, 0.4, 0.5, 1.3, 2.0]

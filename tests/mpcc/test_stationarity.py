@@ -15,7 +15,7 @@ from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE
 from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch, BranchPoint, Certificate
 from pyrobocop_pyomo.mpcc.lpec import steepest_branch
-from pyrobocop_pyomo.mpcc.multipliers import MultiplierProblem, classify, strong_multipliers
+from pyrobocop_pyomo.mpcc.multipliers import MultiplierProblem, Stationarity, classify, strong_multipliers
 from pyrobocop_pyomo.mpcc.problem import (
     Branch,
     ComplementarityProgram,
@@ -25,7 +25,6 @@ from pyrobocop_pyomo.mpcc.problem import (
     nearest_branch,
     restricted,
 )
-from pyrobocop_pyomo.mpcc.stationarity import Stationarity
 from pyrobocop_pyomo.numerics.linear_programs import LinearProgram, LinearStatus
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
 

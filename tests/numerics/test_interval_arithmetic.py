@@ -8,14 +8,18 @@ from hypothesis import strategies as st
 
 from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS
 from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
-from pyrobocop_pyomo.numerics.interval_arithmetic import Interval
+from pyrobocop_pyomo.numerics.interval_arithmetic import (
+    TAYLOR_FUNCTIONS,
+    Interval,
+    TaylorForm,
+    taylor_form_of_polynomial,
+)
 from pyrobocop_pyomo.numerics.polynomials import (
     bernstein_from_samples,
     bernstein_matrix,
     derivative_coefficients,
     restrict,
 )
-from pyrobocop_pyomo.numerics.taylor_forms import TAYLOR_FUNCTIONS, TaylorForm, taylor_form_of_polynomial
 
 SAMPLES = 1000
 

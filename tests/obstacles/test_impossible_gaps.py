@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.geometry import Polytope
-from pyrobocop_pyomo.geometry.grid_path_search import grid_distances
 from pyrobocop_pyomo.obstacles.impossible_gaps import closed_gaps, gap_that_separates
-from pyrobocop_pyomo.obstacles.rerouting import distance_lower_bounds
+from pyrobocop_pyomo.obstacles.rerouting import distance_lower_bounds, grid_distances
 
 box = Polytope.box
 seeds = st.integers(0, 10**6)

@@ -15,9 +15,9 @@ from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
 from pyrobocop_pyomo.native.shared_library import SWITCH_VARIABLE
 from pyrobocop_pyomo.programs import summed_terms
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.compiled_terms import OPERATIONS, SOURCE, evaluation_library
 from pyrobocop_pyomo.programs.model_terms import Terms
 from pyrobocop_pyomo.programs.nonlinear_program import Scales
+from pyrobocop_pyomo.programs.summed_terms import OPERATIONS, SOURCE, evaluation_library
 from pyrobocop_pyomo.programs.term_groups import Columns, TermGroup
 from pyrobocop_pyomo.programs.vectorised_program import EVALUATIONS, compiled_run_of
 from pyrobocop_pyomo.programs.wrapped_programs import ScaledProgram, ShiftedRows

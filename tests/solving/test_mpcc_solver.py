@@ -18,7 +18,7 @@ from pyomo.mpec import Complementarity, ComplementarityList, complements
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import KeywordError
 from pyrobocop_pyomo.mpcc.active_set import Certificate
-from pyrobocop_pyomo.mpcc.stationarity import Stationarity
+from pyrobocop_pyomo.mpcc.multipliers import Stationarity
 from pyrobocop_pyomo.planning.solve import RETIRED_WORDS
 
 pytestmark = pytest.mark.casadi

@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo import optional_imports
 from pyrobocop_pyomo.complementarity import PairResidual
-from pyrobocop_pyomo.mpcc.stationarity import Multipliers, Stationarity
-from pyrobocop_pyomo.solving.pair_report import PairReport, pair_reports, split_name
-from pyrobocop_pyomo.solving.result_text import pair_table
+from pyrobocop_pyomo.mpcc.multipliers import Multipliers, Stationarity
+from pyrobocop_pyomo.solving.result_text import PairReport, pair_reports, pair_table, split_name
 
 sizes = st.floats(0.0, 10.0).filter(lambda size: size == 0.0 or size > 1e-5)
 

@@ -12,7 +12,7 @@ from known_mpccs import mpcc_problem, mpcc_problems
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.mpcc.active_set import Certificate
-from pyrobocop_pyomo.mpcc.stationarity import Stationarity
+from pyrobocop_pyomo.mpcc.multipliers import Stationarity
 from pyrobocop_pyomo.solving.iterates import Iterate, Tolerances
 from pyrobocop_pyomo.solving.strategies import STRATEGIES as TABLE
 

@@ -34,7 +34,7 @@ from pyrobocop_pyomo.programs.wrapped_programs import QuadraticCost
 from pyrobocop_pyomo.studies.persistent_nlp import PersistentNLP, ShiftedPlan
 from pyrobocop_pyomo.studies.receding_horizon import refuse_unfit_phase
 
-from .outputs import PhaseOutputs
+from .measurements import PhaseOutputs
 
 # Of the variance in the prior: the arrival cost knows nothing more exactly, so that rounding does not decide its sign.
 SMALLEST_VARIANCE = 1e-10

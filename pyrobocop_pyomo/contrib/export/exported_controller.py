@@ -21,10 +21,9 @@ from pyrobocop_pyomo.native.shared_library import library_sources
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.phases import Control
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
-from pyrobocop_pyomo.programs.compiled_terms import SOURCE as TERM_EVALUATION
-from pyrobocop_pyomo.programs.compiled_terms import CompiledFunction
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
-from pyrobocop_pyomo.programs.summed_terms import SummedTerms, TermFunction
+from pyrobocop_pyomo.programs.summed_terms import SOURCE as TERM_EVALUATION
+from pyrobocop_pyomo.programs.summed_terms import CompiledFunction, SummedTerms, TermFunction
 from pyrobocop_pyomo.programs.vectorised_program import VectorisedProgram
 from pyrobocop_pyomo.solving.ipopt_options import warm_start
 from pyrobocop_pyomo.studies.persistent_nlp import Move, PlaceInProgram, ShiftedPlan

@@ -34,8 +34,7 @@ from pyrobocop_pyomo.programs.wrapped_programs import WrappedProgram
 from pyrobocop_pyomo.solving.iterates import Quality
 from pyrobocop_pyomo.solving.model_check import ModelCheck
 from pyrobocop_pyomo.solving.solve_result import SolveResult
-from pyrobocop_pyomo.studies.named_data import by_component, fixed_members, named
-from pyrobocop_pyomo.studies.sweep_cases import unread_members
+from pyrobocop_pyomo.studies.sweep_cases import by_component, fixed_members, named, unread_members
 
 from .derivatives import derivatives
 

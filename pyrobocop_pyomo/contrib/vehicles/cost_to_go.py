@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pyrobocop_pyomo.geometry import Polytope
-from pyrobocop_pyomo.geometry.grid_path_search import grid_distances
 from pyrobocop_pyomo.numerics import Array, BoolArray
+from pyrobocop_pyomo.obstacles.rerouting import grid_distances
 
 from .free_space import FreeSpace
 from .motion_primitives import COARSE_HEADINGS, MotionPrimitives

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pyrobocop_pyomo.contrib.robots.tree_path_search import AreClear, clear_length, shortened, tree_path
+from pyrobocop_pyomo.contrib.robots.sampled_path import AreClear, clear_length, shortened, tree_path
 from pyrobocop_pyomo.numerics import Array, BoolArray
 
 SPACING = 0.05

@@ -11,7 +11,7 @@ from pyomo.mpec import complements as mpec_complements
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.contrib.sensitivity import Sensitivity
 from pyrobocop_pyomo.errors import EvaluationError, ModelError
-from pyrobocop_pyomo.solving.pair_report import ActiveSide
+from pyrobocop_pyomo.solving.result_text import ActiveSide
 
 pytestmark = pytest.mark.asl
 

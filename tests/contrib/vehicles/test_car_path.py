@@ -14,7 +14,7 @@ from pyrobocop_pyomo.contrib.vehicles import CarTiming
 from pyrobocop_pyomo.contrib.vehicles.car_kinematics import follow_arc, follow_arcs
 from pyrobocop_pyomo.contrib.vehicles.car_path import CarPath
 from pyrobocop_pyomo.contrib.vehicles.free_space import FreeSpace, are_free
-from pyrobocop_pyomo.contrib.vehicles.reeds_shepp import reeds_shepp_paths
+from pyrobocop_pyomo.contrib.vehicles.motion_primitives import reeds_shepp_paths
 from pyrobocop_pyomo.errors import InitialGuessError
 
 from .car_scenes import CAR, REVERSE, START, WHEELBASE, park
