@@ -18,8 +18,7 @@ from pyrobocop_pyomo.numerics import BoolArray
 from pyrobocop_pyomo.numerics.linear_programs import LinearProgram, LinearStatus, Rows
 from pyrobocop_pyomo.numerics.rounding import MET
 from pyrobocop_pyomo.optional_imports import scipy
-from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, PrimalDualPoint
-from pyrobocop_pyomo.programs.stationarity import stationarity
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, PrimalDualPoint, stationarity
 
 from .problem import Branch, ComplementarityProgram, Linearisation, Sides, restricted
 

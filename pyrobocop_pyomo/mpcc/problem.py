@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.numerics import BoolArray
 from pyrobocop_pyomo.optional_imports import scipy
-from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram
-from pyrobocop_pyomo.programs.stationarity import beside
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, beside
 from pyrobocop_pyomo.programs.wrapped_programs import WrappedProgram
 
 if TYPE_CHECKING:

@@ -35,7 +35,7 @@ from pyrobocop_pyomo.solving.starts import EXPLORED_ELEMENTS, elements_of
 from pyrobocop_pyomo.solving.strategies import ABSOLUTE_VALUES, SOLVE, Settings
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .planning_point import PlanningPoint
+from .recovery import PlanningPoint
 
 logger = logging.getLogger(__name__)
 

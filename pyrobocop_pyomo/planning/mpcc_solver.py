@@ -30,7 +30,7 @@ from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.solving.iterates import STOP_REASONS, Quality, StopReason
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 
-from .planning_point import PlanningPoint, imported_suffixes
+from .recovery import PlanningPoint, imported_suffixes
 from .solve import OTHER_WORDS, RETIRED_WORDS, solve
 
 # Every Pyomo solver has these, some under another name.

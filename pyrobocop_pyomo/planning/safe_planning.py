@@ -35,8 +35,7 @@ from pyrobocop_pyomo.solving.starts import EXPLORED_ELEMENTS, coarser_copy, elem
 from pyrobocop_pyomo.solving.strategies import Settings
 
 from .mesh_loop import MeshLoop, plan_for_safety
-from .planning_point import PlanningPoint
-from .recovery import PlanStart, Recovery
+from .recovery import PlanningPoint, PlanStart, Recovery
 
 logger = logging.getLogger(__name__)
 

@@ -11,7 +11,6 @@ import numpy as np
 from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.errors import EvaluationError
-from pyrobocop_pyomo.modeling.component_groups import ComponentGroups
 from pyrobocop_pyomo.numerics import BoolArray
 from pyrobocop_pyomo.numerics.characteristic_scales import (
     GroupedEntries,
@@ -21,10 +20,10 @@ from pyrobocop_pyomo.numerics.characteristic_scales import (
     variable_scales,
 )
 from pyrobocop_pyomo.presentation import Presented
+from pyrobocop_pyomo.programs.compiled_model import ComponentGroups
 
 from .compiled_model import CompiledModel
-from .nonlinear_program import FloatArray, ProblemScaling, Scales
-from .stationarity import beside
+from .nonlinear_program import FloatArray, ProblemScaling, Scales, beside
 
 # Relative to an objective: below, its change by all variables is rounding.
 _CONSTANT = 1e-4

@@ -30,8 +30,7 @@ from pyrobocop_pyomo.numerics.rounding import MET
 from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.programs.automatic_scaling import objective_slope, variable_sizes
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint
-from pyrobocop_pyomo.programs.stationarity import stationarity
+from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint, stationarity
 
 from .ipopt_options import OVERDETERMINED, POLISH
 from .iterates import Iterate, Quality, StopReason

@@ -23,8 +23,13 @@ from pyrobocop_pyomo.programs.automatic_scaling import (
     variable_sizes,
 )
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram, PrimalDualPoint, Scales, missing_rank
-from pyrobocop_pyomo.programs.stationarity import stationarity
+from pyrobocop_pyomo.programs.nonlinear_program import (
+    NonlinearProgram,
+    PrimalDualPoint,
+    Scales,
+    missing_rank,
+    stationarity,
+)
 from pyrobocop_pyomo.programs.wrapped_programs import ShiftedRows
 
 from .ipopt_options import IPOPT_MU_INIT, SCALED, IpoptOptions

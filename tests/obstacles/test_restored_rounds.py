@@ -10,8 +10,7 @@ from harness.scenes import avoiding, turning_move
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import check_pose
-from pyrobocop_pyomo.planning.planning_point import PlanningPoint
-from pyrobocop_pyomo.planning.recovery import PlanStart, Recovery
+from pyrobocop_pyomo.planning.recovery import PlanningPoint, PlanStart, Recovery
 
 
 def flight() -> pyo.ConcreteModel:

@@ -13,9 +13,8 @@ from harness.small_problems import corner
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.ipopt.suffixes import scaling_factors
-from pyrobocop_pyomo.modeling.component_groups import ComponentGroups
 from pyrobocop_pyomo.programs.automatic_scaling import AutomaticScaling, automatic_scaling, variable_sizes
-from pyrobocop_pyomo.programs.compiled_model import CompiledModel
+from pyrobocop_pyomo.programs.compiled_model import CompiledModel, ComponentGroups
 from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint
 from pyrobocop_pyomo.programs.wrapped_programs import ScaledProgram
 

@@ -18,8 +18,7 @@ from hypothesis import strategies as st
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import EvaluationError, ModelError
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint, missing_rank
-from pyrobocop_pyomo.programs.stationarity import stationarity
+from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint, missing_rank, stationarity
 from pyrobocop_pyomo.programs.wrapped_programs import ShiftedRows
 
 

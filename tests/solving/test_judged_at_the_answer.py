@@ -15,9 +15,8 @@ from hypothesis import strategies as st
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.programs.automatic_scaling import variable_sizes
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint, Scales
+from pyrobocop_pyomo.programs.nonlinear_program import PrimalDualPoint, Scales, stationarity
 from pyrobocop_pyomo.programs.row_values import RowTerms
-from pyrobocop_pyomo.programs.stationarity import stationarity
 from pyrobocop_pyomo.programs.wrapped_programs import ScaledProgram
 from pyrobocop_pyomo.solving.model_check import ModelCheck
 

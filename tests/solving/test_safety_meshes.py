@@ -15,7 +15,7 @@ import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.motion.equations_motion import needed_reductions
 from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
 from pyrobocop_pyomo.planning import mesh_loop, safe_planning
-from pyrobocop_pyomo.planning.planning_point import PlanningPoint
+from pyrobocop_pyomo.planning.recovery import PlanningPoint
 
 pytestmark = pytest.mark.ipopt
 
