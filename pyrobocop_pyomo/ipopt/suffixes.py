@@ -170,10 +170,12 @@ class InProcessSolutionLoader(FoundPoint):
         # Adding zero turns -0.0 into 0.0, which reads better in a report.
         lower, upper = sign * outcome.lower_multipliers + 0.0, -sign * outcome.upper_multipliers + 0.0
         larger = np.where(np.abs(upper) > np.abs(lower), upper, lower)
-        suffixes: dict[str, Entries] = {"dual": (compiled.constraints, -sign * outcome.g_multipliers)}
+        suffixes: dict[str, Entries] = {
+            "dual": compiled.of_model(compiled.constraints, -sign * outcome.g_multipliers),
+        }
         for name, numbers in (("rc", larger), ("ipopt_zL_out", lower), ("ipopt_zU_out", upper)):
-            suffixes[name] = compiled.variables, numbers
-        super().__init__(compiled.model, (compiled.variables, outcome.x), suffixes)
+            suffixes[name] = compiled.of_model(compiled.variables, numbers)
+        super().__init__(compiled.model, compiled.of_model(compiled.variables, outcome.x), suffixes)
 
     def load_vars(self, vars_to_load: Sequence[VarData] | None = None) -> None:
         """Put values into the model's variables."""

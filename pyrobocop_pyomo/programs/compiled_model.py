@@ -6,7 +6,7 @@ Parts of components that belong together: all values over time of one quantity.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -25,7 +25,7 @@ from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.variable_values import put_values
 
 from .asl_program import asl_available, program_of_file
-from .composed_program import ComposedProgram, vectorised_composition
+from .function_rows import ProgramWithFunctions, vectorised_program
 from .model_checks import refuse_foreign, refuse_unseen_components
 from .model_terms import collect_terms
 from .nonlinear_program import FloatArray, NonlinearProgram
@@ -125,10 +125,11 @@ class CompiledModel:
     nlp : NonlinearProgram
         The program; a maximised objective appears negated.
     variables : list of VarData
-        In the order of the program's variables. Fixed variables and those that nothing uses are absent.
+        In the order of the program's variables. Fixed variables and those that nothing uses are absent; outputs and
+        arguments of Python functions have variables that are no part of the model.
     constraints : list of ConstraintData
         In the order of the program's rows; a range constraint is one row. Constraints without free variables are
-        absent.
+        absent; calls of Python functions have constraints that are no part of the model.
     objective : ObjectiveData or None
         The active objective.
     sign : float
@@ -172,7 +173,9 @@ class CompiledModel:
             self.nlp, self.variables, self.constraints = program_of_file(self.model, self.objective is not None)
         else:
             with PauseGC():  # many small objects, all of which live on
-                self.nlp, self.variables, self.constraints = vectorised_composition(collect_terms(self.model))
+                terms = collect_terms(self.model)
+                self.nlp, self.constraints = vectorised_program(terms)
+                self.variables = terms.variables
         if not self._is_view:
             refuse_foreign(self.model, self.variables)
         logger.debug(
@@ -206,7 +209,7 @@ class CompiledModel:
 
     def has_read_numbers_again(self) -> bool:
         """Whether the program is that of the model as it is now, where that is a matter of numbers, read again here."""
-        if isinstance(self.nlp, (VectorisedProgram, ComposedProgram)):
+        if isinstance(self.nlp, (VectorisedProgram, ProgramWithFunctions)):
             try:
                 self.nlp.refresh()
                 return True
@@ -218,7 +221,15 @@ class CompiledModel:
         """Values of the model's variables in the program's order; 0 where a variable has none, NaN for infinity."""
         values = [variable.value for variable in self.variables]
         x = np.array([0.0 if value is None else value for value in values], dtype=float)
-        return np.where(np.isinf(x), np.nan, x)
+        x = np.where(np.isinf(x), np.nan, x)
+        return self.nlp.completed(x) if isinstance(self.nlp, ProgramWithFunctions) else x
+
+    def of_model(self, parts: Sequence[Any], numbers: FloatArray) -> tuple[Sequence[Any], FloatArray]:
+        """Those of its variables or constraints that are parts of the model, and their numbers: calls add others."""
+        if not isinstance(self.nlp, ProgramWithFunctions):
+            return parts, numbers
+        own = [place for place, part in enumerate(parts) if part.parent_block() is not None]
+        return [parts[place] for place in own], numbers[own]
 
     def load_point(self, x: FloatArray) -> None:
         """Put a point into the model's variables; all others become stale, as after any solve."""

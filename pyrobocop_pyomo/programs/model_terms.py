@@ -1,15 +1,13 @@
 """A Pyomo model as a linear part and groups of nonlinear terms of one shape, from one walk over its active rows.
 
-The calls of Python functions in a model: each with variables that stand for its outputs.
-
-A source of derivatives sees the variables in place of the calls, and the arguments of the calls as rows of programs of
-their own. `ComposedProgram` puts the functions in between.
+Calls of Python functions become variables: one for each output that is used, and one for each argument that is no free
+variable, which a row ties to its expression. `ProgramWithFunctions` adds the rows that tie outputs to arguments.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from itertools import count
+from functools import cached_property
 from operator import attrgetter
 from typing import Any
 
@@ -19,13 +17,14 @@ from pyomo.core.base.block import BlockData
 from pyomo.core.base.constraint import Constraint, ConstraintData
 from pyomo.core.base.external import PythonCallbackFunction
 from pyomo.core.base.objective import ObjectiveData
-from pyomo.core.base.var import VarData
+from pyomo.core.base.set import Any as AnyIndex
+from pyomo.core.base.var import Var, VarData
 from pyomo.core.expr.numeric_expr import ExternalFunctionExpression, MonomialTermExpression
 from pyomo.core.expr.numvalue import NumericValue, native_numeric_types
 
 from pyrobocop_pyomo.complementarity.preconditions import only_objective
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.modeling.bulk_parts import new_variable
+from pyrobocop_pyomo.modeling.bulk_parts import new_row, new_variable, put_part
 from pyrobocop_pyomo.modeling.expression_nodes import CONSTANT, DIVISION, LEAF, NAMED, NEGATION, PRODUCT, SUMMATION
 from pyrobocop_pyomo.modeling.functions import Function, FunctionOutput, is_function_call
 from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, RowByRule, sums_of
@@ -50,12 +49,18 @@ class FunctionCall:
         0 where no argument holds another call; otherwise one more than the highest of these.
     outputs : dict of int to VarData
         Variables for those outputs that are used.
+    ties : dict of int to ConstraintData
+        Rows that tie the outputs to the function.
+    inputs : list of VarData
+        The arguments, or what stands for them.
     """
 
     function: Function
     arguments: tuple[Any, ...]
     level: int
     outputs: dict[int, VarData] = field(default_factory=dict)
+    ties: dict[int, ConstraintData] = field(default_factory=dict)
+    inputs: list[VarData] = field(default_factory=list)
 
 
 class ConstantCall(NumericValue):
@@ -90,12 +95,15 @@ class FunctionCalls(NodesOnce):
         Those that depend on free variables.
     given : list
         Fixed variables and parameters that arguments hold.
+    held : list of VarData
+        What stands for arguments, in the order of the rows that tie them.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self.calls: list[FunctionCall] = []
         self.given: list[Any] = []
+        self.held: list[VarData] = []
         self._different: dict[tuple[Any, ...], FunctionCall | None] = {}
         self._constants: dict[int, ConstantCall] = {}
 
@@ -107,8 +115,33 @@ class FunctionCalls(NodesOnce):
             return self._constants.setdefault(id(node), ConstantCall(node))
         output = node._fcn.index
         if output not in call.outputs:
-            call.outputs[output] = new_variable(None, None, 0.0)
+            call.outputs[output] = self._new_variable(node._fcn.name)
+            call.ties[output] = self.tie(call.outputs[output], node)
         return call.outputs[output]
+
+    def new_input(self, call: FunctionCall) -> VarData:
+        """A variable that is to stand for the next argument of a call."""
+        self.held.append(self._new_variable(f"{call.function.name}: input {len(call.inputs)}"))
+        return self.held[-1]
+
+    def tie(self, variable: VarData, stated: Any) -> ConstraintData:
+        """A row that ties one of the variables to what it stands for."""
+        return new_row(self._components[1], variable.index(), variable == stated)
+
+    @cached_property
+    def _components(self) -> tuple[Var, Constraint]:
+        """What the variables and rows are of; on no model."""
+        variables, rows = Var(AnyIndex, dense=False, name="calls"), Constraint(AnyIndex, name="ties of calls")
+        variables.construct()
+        rows.construct()
+        return variables, rows
+
+    def _new_variable(self, label: str) -> VarData:
+        component = self._components[0]
+        variable = new_variable(component, None, 0.0)
+        # With a number that is taken for a time, so that all values of one kind are scaled alike.
+        put_part(component, (label, -1.5 - len(component)), variable)
+        return variable
 
     def by_level(self) -> list[FunctionCall]:
         """The calls, those of lower levels first."""
@@ -349,8 +382,6 @@ class ModelTerms:
     objective : ObjectiveData or None
     sign : float
         1 for a minimised objective, -1 for a maximised one.
-    arguments : Terms
-        Arguments of the calls as rows, call by call, those of lower levels first.
     constraints : list of ConstraintData
         In the order of the rows. Those without free variables or without bounds are absent.
     bounds : list of pairs
@@ -366,7 +397,6 @@ class ModelTerms:
     calls: FunctionCalls
     objective: ObjectiveData | None
     sign: float
-    arguments: Terms
     constraints: list[ConstraintData] = field(default_factory=list)
     bounds: list[tuple[Any, Any]] = field(default_factory=list)
     constant_constraints: list[ConstraintData] = field(default_factory=list)
@@ -389,8 +419,7 @@ def collect_terms(model: BlockData) -> ModelTerms:
     objective = only_objective(model)
     columns, calls = Columns(), FunctionCalls()
     sign = 1.0 if objective is None or objective.is_minimizing() else -1.0
-    of_rows, cost, arguments = (Terms(columns, calls) for _ in range(3))
-    found = ModelTerms(model, columns, of_rows, cost, calls, objective, sign, arguments)
+    found = ModelTerms(model, columns, Terms(columns, calls), Terms(columns, calls), calls, objective, sign)
     with PauseGC():
         for component in model.component_objects(Constraint, active=True, descend_into=True):
             rows = [row for row in component.values() if row.active]
@@ -448,11 +477,18 @@ def _add_row(found: ModelTerms, constraint: ConstraintData) -> None:
 
 
 def _add_arguments(found: ModelTerms) -> None:
-    row = count()
-    for call in found.calls.by_level():
+    """Know the inputs of all calls: free variables that are arguments, and others that rows tie to arguments."""
+    calls = found.calls
+    for call in calls.by_level():
         for argument in call.arguments:
-            try:
-                found.arguments.add(next(row), argument, keep_constant=True)
-            except ModelError as error:
-                raise ModelError(f"an input of '{call.function.name}': {error}") from None
-    found.arguments.group()
+            variable = calls.replacement(argument) if is_function_call(argument) else argument
+            is_free = isinstance(variable, VarData) and not variable.fixed
+            if not is_free or any(variable is other for other in call.inputs):
+                variable = calls.new_input(call)
+                try:
+                    _add_row(found, calls.tie(variable, argument))
+                except ModelError as error:
+                    raise ModelError(f"an input of '{call.function.name}': {error}") from None
+            call.inputs.append(variable)
+            found.columns.of(variable)
+    found.rows.group()

@@ -221,8 +221,6 @@ class VectorisedProgram:
     ----------
     numbers : ModelNumbers
     cost, rows : SummedTerms
-    arguments : SummedTerms
-        Arguments of the model's Python functions.
 
     Raises
     ------
@@ -247,11 +245,8 @@ class VectorisedProgram:
         self._library = library = evaluation_library()
         self.cost = SummedTerms(terms.cost, 1, self.n, library)
         self.rows = SummedTerms(terms.rows, self.m, self.n, library)
-        count = sum(len(call.arguments) for call in terms.calls.calls)
-        self.arguments = SummedTerms(terms.arguments, count, self.n, library)
         self.jacobian_structure = self.rows.structure
         self.hessian_structure = place_hessians([self.cost, self.rows], self.n)
-        place_hessians([self.arguments], self.n)
         self._read_point()
 
     def refresh(self) -> None:
@@ -268,7 +263,7 @@ class VectorisedProgram:
         self._read_point()
 
     def _read_point(self) -> None:
-        for sums in (self.cost, self.rows, self.arguments):
+        for sums in (self.cost, self.rows):
             sums.set_parameters(self.numbers.parameters)
         self.x_start = self.numbers.values_of_variables()
 

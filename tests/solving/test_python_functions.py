@@ -94,6 +94,25 @@ def test_pyomo_solvers_of_this_package_call_functions() -> None:
         assert m.x.value == pytest.approx(3.0, abs=1e-6)
 
 
+def test_multipliers_and_sensitivities_are_of_the_model_alone() -> None:
+    found = []
+    for square in (SQUARE, lambda x: x**2):
+        m = pyo.ConcreteModel()
+        m.p = pyo.Param(initialize=1.5, mutable=True)
+        m.x, m.y = pyo.Var(initialize=1, bounds=(0, 5)), pyo.Var(initialize=1)
+        m.dual, m.rc = (pyo.Suffix(direction=pyo.Suffix.IMPORT_EXPORT) for _ in range(2))
+        m.row = pyo.Constraint(expr=square(m.x * m.p + 1) == m.y)
+        m.least = pyo.Constraint(expr=m.y >= square(m.p) + 4)
+        m.cost = pyo.Objective(expr=square(m.y) + m.x)
+        sensitivity = rcp.studies.sensitivity(m, rcp.solve(m), [m.p])
+        names = [part.name for part in (*m.dual, *sensitivity.variables)]
+        assert sorted(part.name for part in m.rc) == ["x", "y"]
+        numbers = [*m.dual.values(), *sensitivity.matrix.ravel(), sensitivity.objective_derivative(m.p)]
+        found.append((sorted(names), sorted(numbers)))
+    assert found[0][0] == found[1][0]
+    assert found[0][1] == pytest.approx(found[1][1], rel=1e-6)
+
+
 def test_a_fixed_end_beyond_a_table_is_told_in_the_result_and_nowhere_else(caplog: pytest.LogCaptureFixture) -> None:
     wind = rcp.Table([0, 1, 2, 3], [1.0, 1.2, 1.1, 1.3], name="wind")
     m, b = one_phase(duration=2.0, elements=3)

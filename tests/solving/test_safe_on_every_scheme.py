@@ -10,7 +10,7 @@ from harness.scenes import effort_of, keep_clear, placed, rigid_body, sampled_di
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.programs import composed_program
+from pyrobocop_pyomo.programs import function_rows
 from pyrobocop_pyomo.programs.vectorised_program import VectorisedProgram
 
 pytestmark = pytest.mark.casadi
@@ -69,7 +69,7 @@ def test_what_vectorised_expressions_do_not_know_is_left_to_asl(monkeypatch: pyt
         def __init__(self, *_: Any) -> None:
             raise ModelError("an expression holds an external function")
 
-    monkeypatch.setattr(composed_program, "VectorisedProgram", Refusing)
+    monkeypatch.setattr(function_rows, "VectorisedProgram", Refusing)
     result = rcp.solve(build(elements=6, stages=2), progress=False)
     assert "ASL" in result.derivatives
     assert result.safe

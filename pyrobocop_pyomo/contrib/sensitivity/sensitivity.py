@@ -169,14 +169,16 @@ def sensitivity(model: Any, result: SolveResult, parameters: Any) -> Sensitivity
         columns[in_use],
         lambda number: _name(compiled, parametric, number),
     )
+    # What stands for calls of Python functions is on no model, and is not told of.
+    is_own = [part.parent_block() is not None for part in (*compiled.constraints, *compiled.variables)]
     of_parameters = set(columns[in_use].tolist())
-    of_variables = [i for i in range(compiled.nlp.n) if i not in of_parameters]
+    of_variables = [i for i, own in enumerate(is_own[compiled.nlp.m :]) if own and i not in of_parameters]
     k = len(chosen)
     matrix, objective = np.zeros((len(of_variables), k)), np.zeros(k)
     # Adding zero turns the zero of negative sign into the plain one.
     matrix[:, in_use] = found.variables[of_variables] + 0.0
     objective[in_use] = compiled.sign * found.objective + 0.0
-    names = [_name(compiled, parametric, number) for number in found.active.tolist()]
+    names = [_name(compiled, parametric, number) for number in found.active.tolist() if is_own[number]]
     return Sensitivity(
         result,
         chosen,
@@ -231,7 +233,8 @@ def _with_moving_bounds(compiled: CompiledModel, parametric: ParametricModel) ->
 
 def _name(compiled: CompiledModel, parametric: ParametricModel, number: int) -> str:
     if number < compiled.nlp.m:
-        return parametric.names[id(compiled.constraints[number])]
+        row = compiled.constraints[number]
+        return parametric.names.get(id(row), row.name)
     return f"a bound of '{compiled.variables[number - compiled.nlp.m].name}'"
 
 

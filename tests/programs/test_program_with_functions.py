@@ -73,7 +73,7 @@ def chain(f: Callable[[Any, Any], Any], n: int = 16, nested: bool = True, sense:
 def assert_same_programs(first: CompiledModel, second: CompiledModel, seed: int = 0) -> None:
     """Values and derivatives at a random point with random multipliers, in the order of names."""
     random = np.random.default_rng(seed)
-    x, multipliers = random.uniform(0.1, 1.0, first.nlp.n), random.normal(size=first.nlp.m)
+    x, multipliers = random.uniform(0.1, 1.0, second.nlp.n), random.normal(size=second.nlp.m)
     one, other = (InModelOrder(compiled).everything(x, 0.7, multipliers) for compiled in (first, second))
     assert_same(one, other, within=1e-12)
 
