@@ -26,7 +26,7 @@ from table import Table, show_progress
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.contrib.export import export_controller
-from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
+from pyrobocop_pyomo.ipopt.backends import load_ipopt_library
 from pyrobocop_pyomo.native.shared_library import FLAGS
 from pyrobocop_pyomo.studies import PersistentNLP
 

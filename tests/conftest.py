@@ -13,8 +13,12 @@ from typing import Any
 import pytest
 from hypothesis import is_hypothesis_test, settings
 
-from pyrobocop_pyomo.ipopt.backends import available_backends, configure_ipopt_executable
-from pyrobocop_pyomo.ipopt.ipopt_library import find_ipopt_library, load_ipopt_library
+from pyrobocop_pyomo.ipopt.backends import (
+    available_backends,
+    configure_ipopt_executable,
+    find_ipopt_library,
+    load_ipopt_library,
+)
 from pyrobocop_pyomo.programs.asl_program import asl_available
 from pyrobocop_pyomo.programs.vectorised_program import casadi_available
 

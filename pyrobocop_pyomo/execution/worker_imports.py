@@ -3,7 +3,7 @@
 import contextlib
 
 from pyrobocop_pyomo.errors import PyRobocopError
-from pyrobocop_pyomo.ipopt.ipopt_library import find_ipopt_library
+from pyrobocop_pyomo.ipopt.backends import find_ipopt_library
 from pyrobocop_pyomo.optional_imports import scipy
 
 # Libraries are loaded here, and nothing is solved: a copy is to find no state of any solver.

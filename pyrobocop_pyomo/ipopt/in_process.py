@@ -32,8 +32,7 @@ from pyrobocop_pyomo.programs.asl_program import asl_available
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.vectorised_program import casadi_available
 
-from .backends import available_backends
-from .ipopt_library import load_ipopt_library
+from .backends import available_backends, load_ipopt_library
 from .ipopt_outcome import IpoptOutcome, IpoptStatus
 from .ipopt_run import run_ipopt
 from .suffixes import InProcessSolutionLoader, scaling_factors, starting_point

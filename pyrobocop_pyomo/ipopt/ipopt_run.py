@@ -28,7 +28,7 @@ from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint, ProblemScaling
 from pyrobocop_pyomo.programs.vectorised_program import EVALUATIONS, compiled_run_of
 
-from .ipopt_library import EvalF, EvalG, EvalGradF, EvalH, EvalJacG, Intermediate, IpoptLibrary, load_ipopt_library
+from .backends import EvalF, EvalG, EvalGradF, EvalH, EvalJacG, Intermediate, IpoptLibrary, load_ipopt_library
 from .ipopt_outcome import IpoptOutcome, IpoptStatus, IterationRecord
 from .linear_solvers import FALL_BACK, IN_DOUBT, OWN_SOLVER, SAID_OF_OWN_SOLVER, refused_options, with_linear_solver
 

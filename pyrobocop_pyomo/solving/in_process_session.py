@@ -11,7 +11,7 @@ import numpy as np
 
 from pyrobocop_pyomo.complementarity import BarrierSchedule
 from pyrobocop_pyomo.complementarity.relaxed_model import RelaxedModel
-from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
+from pyrobocop_pyomo.ipopt.backends import load_ipopt_library
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IterationRecord
 from pyrobocop_pyomo.ipopt.ipopt_run import run_ipopt
 from pyrobocop_pyomo.ipopt.linear_solvers import FELL_BACK

@@ -17,7 +17,7 @@ from pyomo.core.base.suffix import Suffix
 from pyrobocop_pyomo.complementarity import BarrierSchedule, Schedule, active_sources, pairs_of, without_penalty
 from pyrobocop_pyomo.diagnosis.statements import absolute_values_in
 from pyrobocop_pyomo.errors import EvaluationError, PyRobocopError
-from pyrobocop_pyomo.ipopt.ipopt_library import find_ipopt_library
+from pyrobocop_pyomo.ipopt.backends import find_ipopt_library
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.modeling.variable_values import Values, VariableValues
 from pyrobocop_pyomo.mpcc.active_set import Certificate

@@ -17,7 +17,7 @@ from pyomo.contrib.solver.common.factory import SolverFactory as NewSolverFactor
 import build_asl
 import pyrobocop_pyomo.__main__ as command_line
 from pyrobocop_pyomo.errors import SolverNotFoundError
-from pyrobocop_pyomo.ipopt import backends, doctor, in_process, ipopt_library
+from pyrobocop_pyomo.ipopt import backends, in_process
 from pyrobocop_pyomo.ipopt.backends import Backend
 from pyrobocop_pyomo.programs import asl_program, compiled_model
 
@@ -59,7 +59,7 @@ def machine(monkeypatch, tmp_path):
         importlib.util, "find_spec", lambda name, *rest: None if name == "casadi" else find_spec(name, *rest)
     )
     machine = Machine(tmp_path)
-    monkeypatch.setattr(ipopt_library.ctypes.util, "find_library", lambda name: None)
+    monkeypatch.setattr(backends.ctypes.util, "find_library", lambda name: None)
     monkeypatch.setattr(sys, "prefix", str(machine.prefix))
     monkeypatch.setenv("HOME", str(machine.home))
     monkeypatch.setattr(AmplInterface, "libname", None)
@@ -68,22 +68,22 @@ def machine(monkeypatch, tmp_path):
 
 
 def test_libraries_are_looked_for_in_order(machine, monkeypatch, tmp_path):
-    assert ipopt_library.find_ipopt_library() is None
-    monkeypatch.setattr(ipopt_library.ctypes.util, "find_library", lambda name: f"lib{name}.so.3")
-    assert ipopt_library.find_ipopt_library() == "libipopt.so.3"
-    name = ipopt_library._NAMES[0]
+    assert backends.find_ipopt_library() is None
+    monkeypatch.setattr(backends.ctypes.util, "find_library", lambda name: f"lib{name}.so.3")
+    assert backends.find_ipopt_library() == "libipopt.so.3"
+    name = backends._NAMES[0]
     in_prefix = machine.add(machine.prefix / "lib" / name)
-    assert ipopt_library.find_ipopt_library() == in_prefix
+    assert backends.find_ipopt_library() == in_prefix
     in_casadi = machine.add(tmp_path / "casadi" / name)
     spec = importlib.util.spec_from_file_location("casadi", tmp_path / "casadi" / "__init__.py")
     monkeypatch.setattr(importlib.util, "find_spec", lambda name, *rest: spec)
-    assert ipopt_library.find_ipopt_library() == in_casadi
+    assert backends.find_ipopt_library() == in_casadi
     chosen = machine.add(tmp_path / "chosen.so")
     monkeypatch.setenv("PYROBOCOP_IPOPT_LIBRARY", chosen)
-    assert ipopt_library.find_ipopt_library() == chosen
+    assert backends.find_ipopt_library() == chosen
     monkeypatch.setenv("PYROBOCOP_IPOPT_LIBRARY", chosen + ".gone")
     with pytest.raises(SolverNotFoundError, match=r"PYROBOCOP_IPOPT_LIBRARY is '.*gone', but there is no such file"):
-        ipopt_library.find_ipopt_library()
+        backends.find_ipopt_library()
 
 
 def test_executables_are_looked_for_in_order(machine, monkeypatch, tmp_path):
@@ -132,13 +132,13 @@ def test_a_file_that_is_no_library_is_named(tmp_path):
     path = tmp_path / "libipopt.so.3"
     path.write_text("text")
     with pytest.raises(SolverNotFoundError, match=r"libipopt\.so\.3' cannot be used as Ipopt's library"):
-        ipopt_library.load_ipopt_library(str(path))
+        backends.load_ipopt_library(str(path))
 
 
 def test_a_library_that_cannot_tell_its_version_is_not_called_older_than_it_is():
     """Ipopt 3.14.11 in CasADi 3.7.0 cannot."""
-    assert ipopt_library._version(object()) is None
-    library = ipopt_library.IpoptLibrary("libipopt.so.3", None, object())
+    assert backends._version(object()) is None
+    library = backends.IpoptLibrary("libipopt.so.3", None, object())
     assert str(library) == "Ipopt older than 3.14.19 (libipopt.so.3)"
 
 
@@ -172,7 +172,7 @@ def test_missing_derivatives_are_named_with_remedies(machine, derivatives):
 def test_backends_are_ordered_by_preference(machine, monkeypatch):
     machine.add(machine.prefix / "bin" / "ipopt")
     assert backends.available_backends() == [Backend.EXECUTABLE]
-    machine.add(machine.prefix / "lib" / ipopt_library._NAMES[0])
+    machine.add(machine.prefix / "lib" / backends._NAMES[0])
     assert backends.available_backends() == [Backend.EXECUTABLE]  # a library alone has no derivatives
     monkeypatch.setattr(backends, "casadi_available", lambda: True)
     assert backends.available_backends() == [Backend.IN_PROCESS_VECTORISED, Backend.EXECUTABLE]
@@ -232,7 +232,7 @@ def test_the_doctor_survives_a_broken_executable(machine):
     broken = machine.prefix / "bin" / "ipopt"
     machine.add(broken)
     broken.write_text("#!/bin/sh\nexit 3\n")
-    text, works = doctor.report()
+    text, works = command_line.report()
     assert not works
     assert f"the ipopt executable: fails\n  found       {broken}\n" in text
 

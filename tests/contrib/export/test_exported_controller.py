@@ -14,7 +14,7 @@ import pytest
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.contrib.export import export_controller
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.ipopt.ipopt_library import load_ipopt_library
+from pyrobocop_pyomo.ipopt.backends import load_ipopt_library
 from pyrobocop_pyomo.native.shared_library import FLAGS
 
 pytestmark = pytest.mark.casadi
