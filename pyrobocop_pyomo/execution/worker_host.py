@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 from pyrobocop_pyomo.errors import ModelError, PyRobocopError
+from pyrobocop_pyomo.modeling.failures import failures_as
 from pyrobocop_pyomo.optional_imports import cloudpickle, cloudpickle_available
 
 
@@ -160,14 +161,12 @@ class WorkerHost:
 
 
 def _read(payload: bytes) -> Any:
-    try:
+    remedy = (
+        "Functions have to stand in a file that other processes can import: in a module, or next to the notebook. Or "
+        "install cloudpickle, by which they travel as they are."
+    )
+    with failures_as(ModelError, "a worker process cannot read what was sent to it", remedy):
         return pickle.loads(payload)
-    except Exception as error:
-        raise ModelError(
-            f"a worker process cannot read what was sent to it ({type(error).__name__}: {error}). Functions have to "
-            "stand in a file that other processes can import: in a module, or next to the notebook. Or install "
-            "cloudpickle, by which they travel as they are."
-        ) from error
 
 
 def packed(label: str, thing: Any, instead: str, refusal: type[PyRobocopError] = ModelError) -> bytes:
@@ -183,13 +182,11 @@ def packed(label: str, thing: Any, instead: str, refusal: type[PyRobocopError] =
     refusal : type of exception
         What is raised when it cannot be pickled.
     """
-    try:
-        pickler = cloudpickle if cloudpickle_available else pickle
+    pickler, with_cloudpickle = (cloudpickle, "") if cloudpickle_available else (pickle, ", or install cloudpickle")
+    remedy = (
+        f"Define functions with 'def' at the top level of a module (functools.partial fills in "
+        f"arguments){with_cloudpickle}; data have to be plain: numbers, texts, arrays, tuples, dicts, dataclasses of a "
+        f"module. Or use {instead}."
+    )
+    with failures_as(refusal, f"{label} cannot be sent to another process", remedy):
         return bytes(pickler.dumps(thing, pickle.HIGHEST_PROTOCOL))
-    except Exception as error:
-        with_cloudpickle = "" if cloudpickle_available else ", or install cloudpickle"
-        raise refusal(
-            f"{label} cannot be sent to another process ({type(error).__name__}: {error}). Define functions with 'def' "
-            f"at the top level of a module (functools.partial fills in arguments){with_cloudpickle}; data have to be "
-            f"plain: numbers, texts, arrays, tuples, dicts, dataclasses of a module. Or use {instead}."
-        ) from error

@@ -22,8 +22,8 @@ def undone_on_failure(undo: Callable[[], object]) -> Iterator[None]:
 
 
 @contextmanager
-def failures_as(kind: type[PyRobocopError], where: str) -> Iterator[None]:
-    """Raise an error of this package, which names the place, for whatever a user's rule raises inside.
+def failures_as(kind: type[PyRobocopError], where: str, remedy: str = "") -> Iterator[None]:
+    """Raise an error of this package, which names the place, for whatever the user's code raises inside.
 
     A rule may be written for single instants, or for the points that there were: elsewhere it may raise anything.
     """
@@ -32,7 +32,7 @@ def failures_as(kind: type[PyRobocopError], where: str) -> Iterator[None]:
     except PyRobocopError:
         raise
     except Exception as error:
-        raise kind(f"{where} ({type(error).__name__}: {error}).") from error
+        raise kind(f"{where} ({type(error).__name__}: {error}). {remedy}".rstrip()) from error
 
 
 def _is_no_repetition(record: logging.LogRecord) -> bool:
