@@ -175,9 +175,10 @@ def integral_weights(model: Any, phases: Sequence[Any], found: RowMultipliers) -
     if not wanted:
         return {id(phase): [] for phase in phases}
     terms = [(1.0, data.expr) for data in model.component_data_objects(Objective, active=True)]
-    rows = (row for _, active in rows_beside(model, phases) for row in active if found.of_row(row) != 0.0)
-    terms += [(-found.of_row(row), row.body) for row in rows]
     # What is in integrals is not looked through.
+    for _, rows in rows_beside(model, phases):
+        if not wanted.isdisjoint(variables_in_any([row.body for row in rows], leaves=wanted)):
+            terms += [(-found.of_row(row), row.body) for row in rows if found.of_row(row) != 0.0]
     reading = [term for term in terms if not wanted.isdisjoint(variables_in_any([term[1]], leaves=wanted))]
     every = [member for of_phase in members.values() for member in of_phase]
     scratch = ConcreteModel()

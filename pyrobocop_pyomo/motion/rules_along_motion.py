@@ -297,14 +297,14 @@ class Signal:
 
     Attributes
     ----------
-    at_node : callable
-        Its value at a node of the motion.
+    at_nodes : mapping of node to float
+        Its values at the nodes of the motion.
     polynomial : PiecewisePolynomial
     component : Var or None
         What it is read from; None for the time.
     """
 
-    at_node: Callable[[Any], float]
+    at_nodes: Mapping[Any, float]
     polynomial: PiecewisePolynomial
     component: Any = None
 
@@ -338,6 +338,7 @@ class SignalFormulas:
 
     def __init__(self, rule: RuleAlongMotion) -> None:
         self._formulas, self._motion = rule.followed(), rule.motion
+        nodes = self._nodes = rule.motion.nodes
         self._named: dict[NamedItem, Any] = {}
         self.signals: dict[Slot, Signal] = {}
         with errors_naming(rule.label):
@@ -347,8 +348,7 @@ class SignalFormulas:
                 elif isinstance(slot, Item):
                     self.signals[slot] = self._signal(slot)
                 else:  # the time
-                    self.signals[slot] = self._linear(self._motion.node_times().__getitem__)
-            nodes = self._motion.nodes
+                    self.signals[slot] = self._linear(self._motion.node_times())
             with np.errstate(all="ignore"):
                 entries = self._at_nodes(nodes)
                 self.taylor_forms(np.array([0]), np.array([0.0]), np.array([1.0]))
@@ -397,7 +397,7 @@ class SignalFormulas:
 
     def _at_nodes(self, nodes: list[Any]) -> Array:
         """Entries from the values at nodes, shape ``(len(nodes), entries)``."""
-        signals = {slot: np.array([of.at_node(node) for node in nodes]) for slot, of in self.signals.items()}
+        signals = {slot: np.array([of.at_nodes[node] for node in nodes]) for slot, of in self.signals.items()}
         return self.evaluated(signals, len(nodes))
 
     def _entries(self, signals: Mapping[Slot, Any], functions: Mapping[str, Callable[..., Any]]) -> list[Any]:
@@ -418,24 +418,23 @@ class SignalFormulas:
 
     def _signal(self, item: Item) -> Signal:
         """The motion of what is read at ``t``."""
-        motion = self._motion
-
-        def at_node(node: Any) -> float:
-            return _number(item_at(item, node), item.name)
-
-        coefficients = []
+        motion, name = self._motion, item.name  # the words take longer to make than all numbers to read
+        at_nodes = {node: _number(item_at(item, node), name) for node in self._nodes}
+        coefficients, of_values = [], dict[tuple[float, ...], Array]()
         for interval in range(len(motion.intervals)):
             fractions, leaves = motion.polynomial(item, interval)
-            points, to_coefficients = bernstein_from_samples(len(leaves) - 1)
-            numbers = [_number(leaf, item.name) for leaf in leaves]
-            coefficients.append(to_coefficients @ (evaluation_matrix(fractions, points) @ numbers))
+            key = tuple(fractions)
+            if key not in of_values:
+                points, to_coefficients = bernstein_from_samples(len(leaves) - 1)
+                of_values[key] = to_coefficients @ evaluation_matrix(fractions, points)
+            coefficients.append(of_values[key] @ [_number(leaf, name) for leaf in leaves])
         component = parent_of(item_at(item, motion.intervals[0][0]))
-        return Signal(at_node, PiecewisePolynomial(np.array(coefficients)), component)
+        return Signal(at_nodes, PiecewisePolynomial(np.array(coefficients)), component)
 
-    def _linear(self, at_node: Callable[[Any], float]) -> Signal:
+    def _linear(self, at_nodes: Mapping[Any, float]) -> Signal:
         """What is linear on each interval, by its values at both ends."""
-        ends = np.array([[at_node(nodes[0]), at_node(nodes[-1])] for nodes in self._motion.intervals])
-        return Signal(at_node, PiecewisePolynomial(ends))
+        ends = np.array([[at_nodes[nodes[0]], at_nodes[nodes[-1]]] for nodes in self._motion.intervals])
+        return Signal(at_nodes, PiecewisePolynomial(ends))
 
 
 def _number(leaf: Any, name: str) -> float:

@@ -151,9 +151,11 @@ def _given_motion(
         Of `Motion`.
     """
 
+    fractions = {name: np.linspace(0.0, 1.0, of.shape[1]) for name, of in samples.items()}
+
     def polynomial(signal: Item, interval: int) -> tuple[Array, list[Any]]:
-        values = samples[signal.component.local_name][interval]
-        return np.linspace(0.0, 1.0, len(values)), values.tolist()
+        name = signal.component.local_name
+        return fractions[name], samples[name][interval].tolist()
 
     return Motion(model, points, intervals, words, polynomial, **facts)
 
@@ -186,9 +188,11 @@ def motion_along_paths(
         samples[name] = _line(values)
     rules = {}
     for number, (name, path) in enumerate(paths.items(), start=1):
-        # Names with blanks: those of a user's signals have none.
-        samples |= {f"{of} {number}": within for of, within in _samples_of(path).items()}
-        rules[name] = _pose_rule(path.positions.shape[1], number)
+        # Names with blanks: those of a user's signals have none. Most of what turns a body in the plane is a number.
+        of_path = _samples_of(path)
+        numbers = {of: float(within[0, 0]) for of, within in of_path.items() if np.ptp(within) == 0.0}
+        samples |= {f"{of} {number}": within for of, within in of_path.items() if of not in numbers}
+        rules[name] = _pose_rule(path.positions.shape[1], number, numbers)
     for name, within in samples.items():
         values = np.append(within[:, 0], within[-1, -1])
         model.add_component(name, Param(points, initialize=dict(zip(points, values.tolist(), strict=True))))
@@ -214,12 +218,12 @@ def _samples_of(path: SampledPath) -> dict[str, Array]:
     return {**lines, "turn": path.angles, **constant}
 
 
-def _pose_rule(dimension: int, number: int) -> Callable[..., Any]:
+def _pose_rule(dimension: int, number: int, constant: Mapping[str, float]) -> Callable[..., Any]:
     """The pose of the body with a number, of what `_samples_of` has for its path."""
 
     def pose(block: Any, t: Any) -> Pose:
         def at(name: str) -> Any:
-            return getattr(block, f"{name} {number}")[t]
+            return constant[name] if name in constant else getattr(block, f"{name} {number}")[t]
 
         cosine, sine = cos(at("turn")), sin(at("turn"))
         rotation = tuple(
