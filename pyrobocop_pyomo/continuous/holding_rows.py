@@ -4,7 +4,7 @@ Equations hold at collocation points. Elsewhere (the first point for Radau, ever
 states have a value of their own. Of other variables there,
 
 * what the user has fixed at this point keeps its value, and is a condition there;
-* the rest are candidates: the rows that stand there may determine them. `shown_values` has a value for those that no
+* the rest are candidates: the rows that stand there may determine them. `ShownValue` has a value for those that no
   row determines, which are absent.
 
 Of the rows there hold:
@@ -12,7 +12,7 @@ Of the rows there hold:
 * relations of states alone: path constraints at every point, equations at the first (consistency) but not at inner
   boundaries, where there would be more of them than unknowns; conditions that are stated there only stay;
 * equations that determine an algebraic or a derivative from the states, and inequalities of those;
-* at the first point other equations as well (`shown_values`), since initial conditions may be stated for any variable;
+* at the first point other equations as well (`ShownValue`), since initial conditions may be stated for any variable;
 * no pairs, but at the first point those of variables that these equations leave to choose.
 
 The others are deactivated. Which equations determine something is read from two maximum matchings of rows and unknowns.
@@ -20,7 +20,7 @@ The others are deactivated. Which equations determine something is read from two
 1. With the states at the first point among the unknowns, conditions on the initial state first: a row that would be one
    too many does not hold, such as a relation of states that are all fixed there.
 2. With the states known: a row holds when it belongs to a part with as many rows as unknowns. Of the others
-   `shown_values` decides: they hold with the values that controls show, or at the first point as in the user's model,
+   `ShownValue` decides: they hold with the values that controls show, or at the first point as in the user's model,
    which may fix there what it likes.
 
 What is indexed by a set that nothing has discretised yet is left as it is.
