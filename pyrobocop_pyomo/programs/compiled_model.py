@@ -224,7 +224,7 @@ class CompiledModel:
         x = np.where(np.isinf(x), np.nan, x)
         return self.nlp.completed(x) if isinstance(self.nlp, ProgramWithFunctions) else x
 
-    def of_model(self, parts: Sequence[Any], numbers: FloatArray) -> tuple[Sequence[Any], FloatArray]:
+    def of_model(self, parts: Sequence[Any], numbers: NDArray[Any]) -> tuple[Sequence[Any], NDArray[Any]]:
         """Those of its variables or constraints that are parts of the model, and their numbers: calls add others."""
         if not isinstance(self.nlp, ProgramWithFunctions):
             return parts, numbers

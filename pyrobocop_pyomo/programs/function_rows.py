@@ -54,6 +54,8 @@ class Points:
         Columns of the arguments.
     outputs : int array, shape (points, outputs)
         Columns, -1 for an output that nothing uses.
+    used : bool array, shape (points, outputs)
+        Which of the outputs have a column.
     rows : int array, shape (points, outputs)
         Rows that tie them to the function.
     """
@@ -62,11 +64,17 @@ class Points:
     function: Function
     inputs: np.ndarray
     outputs: np.ndarray
+    used: np.ndarray
     rows: np.ndarray
 
+    @property
+    def columns(self) -> np.ndarray:
+        """Columns of the outputs that are used, one after the other."""
+        return np.asarray(self.outputs[self.used])
+
     def values(self, x: FloatArray) -> FloatArray:
-        """The outputs at the arguments of a point, one after the other."""
-        return np.asarray(self.function.values(x[self.inputs])[self.outputs >= 0])
+        """Those outputs at the arguments of a point."""
+        return np.asarray(self.function.values(x[self.inputs])[self.used])
 
 
 def _points(calls: Sequence[FunctionCall], column_of: Mapping[int, int], first: int) -> Points:
@@ -81,7 +89,7 @@ def _points(calls: Sequence[FunctionCall], column_of: Mapping[int, int], first: 
     )
     used = outputs >= 0
     rows = np.where(used, first - 1 + np.cumsum(used).reshape(used.shape), -1)
-    return Points(calls[0].level, function, inputs, outputs, rows)
+    return Points(calls[0].level, function, inputs, outputs, used, rows)
 
 
 class ProgramWithFunctions:
@@ -103,7 +111,7 @@ class ProgramWithFunctions:
         for several in calls:
             self._points.append(_points(several, column_of, self.m))
             self.m += sum(len(call.outputs) for call in several)
-        self._outputs = np.concatenate([each.outputs[each.outputs >= 0] for each in self._points])
+        self._outputs = np.concatenate([each.columns for each in self._points])
         self._held = np.array([column_of[id(variable)] for variable in terms.calls.held], dtype=np.intp)
         ties = np.stack([np.arange(main.m, self.m), self._outputs])
         slopes, bends = zip(*map(_structures, self._points), strict=True)
@@ -148,7 +156,7 @@ class ProgramWithFunctions:
             x[self._held] += (main.g_lower - main.rows.values(x))[main.m - self._held.size :]
             for points in several:
                 try:
-                    x[points.outputs[points.outputs >= 0]] = points.values(x)
+                    x[points.columns] = points.values(x)
                 except EvaluationError:
                     return x
         return x
@@ -170,14 +178,14 @@ class ProgramWithFunctions:
 
     def jacobian(self, x: FloatArray) -> FloatArray:
         """Values of the Jacobian of g."""
-        slopes = [-points.function.jacobians(x[points.inputs])[points.outputs >= 0].ravel() for points in self._points]
+        slopes = [-points.function.jacobians(x[points.inputs])[points.used].ravel() for points in self._points]
         return np.concatenate([self._main.jacobian(x), np.ones(self._outputs.size), *slopes])
 
     def hessian(self, x: FloatArray, objective_factor: float, multipliers: FloatArray) -> FloatArray:
         """Values of the Hessian of the Lagrangian."""
         values = [self._main.hessian(x, objective_factor, multipliers[: self._main.m])]
         for points in self._points:
-            weights = np.where(points.outputs >= 0, multipliers[points.rows], 0.0)
+            weights = np.where(points.used, multipliers[points.rows], 0.0)
             bends = np.einsum("po,poij->pij", -weights, points.function.hessians(x[points.inputs]))
             i, j = np.tril_indices(points.inputs.shape[1])
             values.append(bends[:, i, j].ravel())
@@ -188,11 +196,12 @@ class ProgramWithFunctions:
 
 def _structures(points: Points) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of the derivatives of outputs by arguments, and of the lower triangle by arguments twice."""
-    used = points.outputs >= 0
     rows, columns = np.broadcast_arrays(points.rows[:, :, None], points.inputs[:, None, :])
     i, j = np.tril_indices(points.inputs.shape[1])
     both = np.stack([points.inputs[:, i].ravel(), points.inputs[:, j].ravel()])
-    return np.stack([rows[used].ravel(), columns[used].ravel()]), np.stack([both.max(axis=0), both.min(axis=0)])
+    return np.stack([rows[points.used], columns[points.used]]).reshape(2, -1), np.stack(
+        [both.max(axis=0), both.min(axis=0)]
+    )
 
 
 def _merged(entries: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

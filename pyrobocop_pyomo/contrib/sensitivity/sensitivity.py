@@ -170,15 +170,16 @@ def sensitivity(model: Any, result: SolveResult, parameters: Any) -> Sensitivity
         lambda number: _name(compiled, parametric, number),
     )
     # What stands for calls of Python functions is on no model, and is not told of.
-    is_own = [part.parent_block() is not None for part in (*compiled.constraints, *compiled.variables)]
+    parts, m = [*compiled.constraints, *compiled.variables], compiled.nlp.m
+    own = set(compiled.of_model(parts, np.arange(len(parts)))[1].tolist())
     of_parameters = set(columns[in_use].tolist())
-    of_variables = [i for i, own in enumerate(is_own[compiled.nlp.m :]) if own and i not in of_parameters]
+    of_variables = [i for i in range(compiled.nlp.n) if m + i in own and i not in of_parameters]
     k = len(chosen)
     matrix, objective = np.zeros((len(of_variables), k)), np.zeros(k)
     # Adding zero turns the zero of negative sign into the plain one.
     matrix[:, in_use] = found.variables[of_variables] + 0.0
     objective[in_use] = compiled.sign * found.objective + 0.0
-    names = [_name(compiled, parametric, number) for number in found.active.tolist() if is_own[number]]
+    names = [_name(compiled, parametric, number) for number in found.active.tolist() if number in own]
     return Sensitivity(
         result,
         chosen,
