@@ -202,8 +202,8 @@ class ViolatedRows(LinearisedRows):
             np.concatenate([reach, np.full(2 * m, np.inf)]),
             [(scipy.sparse.hstack([self._matrix, slack, -slack], format="csr"), self._to_lower, self._to_upper)],
         )
-        answer = program.solve_with_duals(deadline)
-        return None if answer is None else (answer[0][:n], float(program.cost @ answer[0]), answer[1])
+        answer = program.solve(deadline)
+        return None if answer.x is None else (answer.x[:n], float(program.cost @ answer.x), answer.duals)
 
     def least_widening(self, parts: Iterable[Any], deadline: Deadline) -> float | None:
         """By how much bounds of some variables, or sides of some rows, have to give way for linear rows to be met.

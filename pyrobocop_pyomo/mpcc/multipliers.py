@@ -158,9 +158,17 @@ class MultiplierProblem:
         # With an objective whose slope is 1: the tolerances of linear programs are absolute.
         self._gradient = point.gradient / point.slope
 
-    def find(self, kind: Stationarity, deadline: Deadline = NO_DEADLINE) -> Multipliers | None:
-        """Look for the multipliers of a kind that leave the least residual; None where none are found in time."""
-        linear = self._least_residual(kind)
+    def find(
+        self, kind: Stationarity, deadline: Deadline = NO_DEADLINE, most: float = STATIONARY
+    ) -> Multipliers | None:
+        """Look for multipliers of a kind that leave at most so much of each condition, and the least in sum.
+
+        Returns
+        -------
+        Multipliers or None
+            None where there are none, or none are found in time.
+        """
+        linear = self._least_residual(kind, most)
         choices = _CHOICES.get(kind, [])
         if choices:
             count = self._biactive[0].size
@@ -180,26 +188,28 @@ class MultiplierProblem:
                 (linear.lower if sign < 0.0 else linear.upper)[closed] = 0.0
         values = linear.solve(deadline).x
         # What the program leaves of its bounds and calls its least residual is as good as its tolerances.
-        return None if values is None else self._found(kind, np.clip(values, linear.lower, linear.upper)[:-1])
+        return (
+            None
+            if values is None
+            else self._found(kind, np.clip(values, linear.lower, linear.upper)[: self._least.size])
+        )
 
-    def _least_residual(self, kind: Stationarity) -> LinearProgram:
-        """Minimise the largest residual, which is one more column; without the choices of a kind."""
-        least, most = self._least.copy(), self._most.copy()
+    def _least_residual(self, kind: Stationarity, most: float) -> LinearProgram:
+        """Minimise what is left above and below the conditions, in sum; without the choices of a kind."""
+        least, largest = self._least.copy(), self._most.copy()
         if kind is Stationarity.S:
             for columns in self._biactive:
                 least[columns] = 0.0
         weighted = np.flatnonzero(self._weights)
         distances = scipy.sparse.diags_array(self._weights, format="csr")[weighted]
-        residuals = scipy.sparse.vstack([self._columns, distances])
+        conditions = scipy.sparse.vstack([self._columns, distances])
         right = np.concatenate([-self._gradient, np.zeros(weighted.size)])
-        below, above = (
-            scipy.sparse.hstack([residuals, np.full((right.size, 1), sign)], format="csr") for sign in (-1.0, 1.0)
-        )
+        left = scipy.sparse.eye_array(right.size)
         return LinearProgram(
-            np.append(np.zeros(least.size), 1.0),
-            np.append(least, 0.0),
-            np.append(most, np.inf),
-            [(below, -np.inf, right), (above, right, np.inf)],
+            np.concatenate([np.zeros(least.size), np.ones(2 * right.size)]),
+            np.concatenate([least, np.zeros(2 * right.size)]),
+            np.concatenate([largest, np.full(2 * right.size, most)]),
+            [(scipy.sparse.hstack([conditions, left, -left], format="csr"), right, right)],
         )
 
     def _choice_row(self, width: int, sign: float, side: int, factors: tuple[float, ...]) -> csr_array:
@@ -334,14 +344,14 @@ def classify(
         Of that kind; None where even the linear program for W had no answer in time.
     """
 
-    def find(kind: Stationarity) -> Multipliers | None:
-        return None if deadline.has_passed else problem.find(kind, deadline.within(time_limit))
+    def find(kind: Stationarity, most: float = STATIONARY) -> Multipliers | None:
+        return None if deadline.has_passed else problem.find(kind, deadline.within(time_limit), most)
 
     # Most points are strongly stationary, and then nothing else has to be asked.
     strong = find(Stationarity.S)
     if strong is not None and strong.residual <= STATIONARY:
         return strong
-    weak = find(Stationarity.W)
+    weak = find(Stationarity.W) or find(Stationarity.W, np.inf)
     if weak is None:
         return None
     if not weak.residual <= STATIONARY:

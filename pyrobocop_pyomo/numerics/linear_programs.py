@@ -36,11 +36,15 @@ class LinearAnswer(NamedTuple):
         The optimum, or the best point with integers that was found before a limit; None where there is none.
     nodes : int
         Of the search tree; at least 1.
+    duals : float array, shape (m,)
+        By how much the least cost grows per unit of the active bound of each row; empty with integers, or without an
+        optimum.
     """
 
     status: LinearStatus
     x: Array | None
     nodes: int = 1
+    duals: Array = np.empty(0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,31 +102,25 @@ class LinearProgram:
             return LinearAnswer(LinearStatus.INFEASIBLE, None)
         if not self.cost.size:
             return LinearAnswer(LinearStatus.SOLVED, np.empty(0))
-        rows = [scipy.optimize.LinearConstraint(*some) for some in self.rows if some[0].shape[0]]
+        if self.integer is None:
+            return self._solve_continuous(deadline)
         result = scipy.optimize.milp(
             self.cost,
             integrality=self.integer,
             bounds=scipy.optimize.Bounds(self.lower, np.maximum(self.lower, self.upper)),
-            constraints=rows or None,
+            constraints=[scipy.optimize.LinearConstraint(*some) for some in self.rows if some[0].shape[0]],
             options={**_time_limit(deadline), "mip_rel_gap": gap, "node_limit": node_limit},
         )
-        status = {0: LinearStatus.SOLVED, 2: LinearStatus.INFEASIBLE}.get(result.status, LinearStatus.STOPPED)
-        is_point = status is LinearStatus.SOLVED or self.integer is not None
-        return LinearAnswer(status, result.x if is_point else None, max(1, int(result.mip_node_count or 0)))
+        status = _STATUS.get(result.status, LinearStatus.STOPPED)
+        return LinearAnswer(status, result.x, max(1, int(result.mip_node_count or 0)))
 
-    def solve_with_duals(self, deadline: Deadline) -> tuple[Array, Array] | None:
-        """Solve it without integers.
-
-        Returns
-        -------
-        float array, shape (n,)
-            The optimum.
-        float array, shape (m,)
-            By how much the least cost grows per unit of the active bound of each row.
-        """
-        matrix = scipy.sparse.vstack([some[0] for some in self.rows], format="csr")
+    def _solve_continuous(self, deadline: Deadline) -> LinearAnswer:
+        # `milp` would take programs without integers as well, but some of them ten times as long, or without an end.
+        columns = self.cost.size
+        matrix = scipy.sparse.vstack([scipy.sparse.csr_array((0, columns)), *(some[0] for some in self.rows)], "csr")
         lower, upper = (
-            np.concatenate([np.broadcast_to(some[side], some[0].shape[0]) for some in self.rows]) for side in (1, 2)
+            np.concatenate([np.empty(0), *(np.broadcast_to(some[side], some[0].shape[0]) for some in self.rows)])
+            for side in (1, 2)
         )
         equal = np.flatnonzero(lower == upper)
         above, below = (np.flatnonzero(np.isfinite(bound) & (lower != upper)) for bound in (upper, lower))
@@ -135,13 +133,17 @@ class LinearProgram:
             bounds=np.column_stack([self.lower, np.maximum(self.lower, self.upper)]),
             options=_time_limit(deadline),
         )
-        if result.status != 0:
-            return None
+        status = _STATUS.get(result.status, LinearStatus.STOPPED)
+        if status is not LinearStatus.SOLVED:
+            return LinearAnswer(status, None)
         duals = np.zeros(lower.size)
         duals[equal] = result.eqlin.marginals
         duals[above] += result.ineqlin.marginals[: above.size]
         duals[below] -= result.ineqlin.marginals[above.size :]
-        return result.x, duals
+        return LinearAnswer(status, result.x, duals=duals)
+
+
+_STATUS = {0: LinearStatus.SOLVED, 2: LinearStatus.INFEASIBLE}
 
 
 def _time_limit(deadline: Deadline) -> dict[str, float]:

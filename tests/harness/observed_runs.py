@@ -81,8 +81,7 @@ def slow_linear_programs(monkeypatch: pytest.MonkeyPatch, longest: float) -> Non
         @functools.wraps(old)
         def sleep(_program: Any, deadline: Deadline, *_arguments: Any) -> Any:
             time.sleep(max(0.0, min(deadline.left, longest)))
-            stopped = linear_programs.LinearAnswer(linear_programs.LinearStatus.STOPPED, None)
-            return None if old.__name__ == "solve_with_duals" else stopped
+            return linear_programs.LinearAnswer(linear_programs.LinearStatus.STOPPED, None)
 
         return sleep
 
@@ -91,8 +90,7 @@ def slow_linear_programs(monkeypatch: pytest.MonkeyPatch, longest: float) -> Non
 
 def _replace_solvers(monkeypatch: pytest.MonkeyPatch, new: Callable[[Callable[..., Any]], Callable[..., Any]]) -> None:
     program = linear_programs.LinearProgram
-    for name in ("solve", "solve_with_duals"):
-        monkeypatch.setattr(program, name, new(getattr(program, name)))
+    monkeypatch.setattr(program, "solve", new(program.solve))
 
 
 def use_processor_time(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -266,7 +266,7 @@ def test_without_one_choice_of_binaries_the_next_best_is_found():
 
 def test_bounds_that_contradict_each_other_have_no_point():
     def ends(lower: float, upper: float) -> tuple[LinearStatus, object, int]:
-        return LinearProgram(np.ones(1), np.array([lower]), np.array([upper])).solve(NO_DEADLINE)
+        return LinearProgram(np.ones(1), np.array([lower]), np.array([upper])).solve(NO_DEADLINE)[:3]
 
     assert ends(0.5, 0.2) == (LinearStatus.INFEASIBLE, None, 1)
     assert ends(0.5, 1.0) == (LinearStatus.SOLVED, pytest.approx([0.5]), 1)
@@ -282,8 +282,7 @@ def test_duals_say_by_how_much_the_least_cost_grows_with_each_bound(c, A):
     def program(change: np.ndarray) -> LinearProgram:
         return LinearProgram(np.array(c), -np.ones(3), np.ones(3), [(matrix, lower + change, upper + change)])
 
-    x, duals = program(np.zeros(3)).solve_with_duals(NO_DEADLINE)
-    assert np.dot(c, x) == pytest.approx(np.dot(c, program(np.zeros(3)).solve(NO_DEADLINE).x), abs=1e-7)
+    _, x, _, duals = program(np.zeros(3)).solve(NO_DEADLINE)
     for change in 1e-4 * np.vstack([np.eye(3), -np.eye(3)]):
         changed = program(change).solve(NO_DEADLINE).x
         assert changed is None or np.dot(c, changed) >= np.dot(c, x) + duals @ change - 1e-7
@@ -308,7 +307,7 @@ def test_threads_may_take_turns():
 @settings(max_examples=40)
 def test_multipliers_leave_what_they_say_and_have_the_signs(c, A):
     program = paired(np.array(c), 2, A=np.array(A).reshape(2, 4), g_upper=[0.0, 0.0], x_lower=np.zeros(4))
-    best = at(program, np.zeros(4)).find(Stationarity.S)
+    best = at(program, np.zeros(4)).find(Stationarity.S, most=np.inf)
     assert all((multipliers >= 0.0).all() for multipliers in (best.nu, best.xi, best.rows))
     left = np.array(c) + program.nlp.A.T @ best.rows - np.concatenate([best.nu, best.xi])
     scale = max(1.0, float(np.abs(c).max()))
