@@ -94,7 +94,7 @@ class Collocation(Transformation):
             lost = dict.fromkeys(row.parent_component().name for row in discretisation.deactivated)
             if lost:
                 logger.info(
-                    "'%s': %s has no collocation point at the start or at element ends; these do not hold there: %s",
+                    "some points of '%s' are no collocation points of %s; these do not hold there: %s",
                     domain.name,
                     scheme.name,
                     ", ".join(map(repr, lost)),

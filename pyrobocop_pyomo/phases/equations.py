@@ -32,7 +32,8 @@ from .families import equations_by_component
 from .horizon import quadrature_weights
 from .record import AT_BOUNDARIES, PhaseRecord, PreviousStates, Statement, add_generated, labelled_rows, place
 from .row_rules import CollocationRows, Ode, Rates, StatedRows
-from .variables import NoSuchTime, add_generated_rows, add_values, rate_units
+from .stated_numbers import rate_units
+from .variables import NoSuchTime, add_generated_rows, add_values
 
 # What is said where a declaration or a rule comes a second time.
 RUN_AGAIN = "(A notebook's cell that is run again states it again: run those from the one that makes the model.)"

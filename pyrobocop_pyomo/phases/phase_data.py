@@ -138,7 +138,7 @@ class PhaseBlockData(BuiltBlockData):
         if isinstance(declaration, Law):
             declaration.state(self, name)
         elif declaration.index is None:
-            self._declare_one(name, in_numbers(declaration, what), what)
+            self._declare_one(name, in_numbers(declaration, what, record.time_units), what)
         else:
             names = family_names(name, declaration, what)
             for member, of_component in component_declarations(names, declaration, what):

@@ -19,7 +19,14 @@ from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from .declarations import Declaration, State
 
 
-def in_numbers(declaration: Declaration, label: str) -> Declaration:
+def rate_units(units: Any, time_units: Any) -> Any:
+    """Units of a derivative, None where there are none at all."""
+    if units is None:
+        return None if time_units is None else 1 / time_units
+    return units if time_units is None else units / time_units
+
+
+def in_numbers(declaration: Declaration, label: str, time_units: Any) -> Declaration:
     """The declaration in numbers of its units; only what its state is equal to at an end may still change.
 
     Raises
@@ -28,19 +35,21 @@ def in_numbers(declaration: Declaration, label: str) -> Declaration:
         When units do not fit, or a bound may change.
     """
     changed: dict[str, Any] = {}
-    for name in ("initial", "final", "bounds", "initial_guess"):
+    units_of = dict.fromkeys(("initial", "final", "bounds", "initial_guess"), declaration.units)
+    units_of |= dict.fromkeys(("rate_bounds", "derivative_bounds"), rate_units(declaration.units, time_units))
+    for name, units in units_of.items():
         given = getattr(declaration, name, None)
         where = f"{label} (declared at {declaration.declared_at}): its {name.replace('_', ' ')}"
         if is_indexed_component(given):
             raise ModelError(f"{where} is the indexed '{given}'; expected one number. Read it at an index.")
         if isinstance(given, NumericValue):
-            found = _in_units(given, declaration.units, where)
+            found = _in_units(given, units, where)
             keeps = name in ("initial", "final") and _may_change(found)
             changed[name] = found if keeps else value(found, exception=False)
             if changed[name] is None:
                 raise ModelError(f"{where} is '{given}', which has no value. Give it one first.")
         elif isinstance(given, tuple) and any(isinstance(side, NumericValue) for side in given):
-            changed[name] = tuple(_unchanging(side, declaration.units, where) for side in given)
+            changed[name] = tuple(_unchanging(side, units, where) for side in given)
     return replace(declaration, **changed) if changed else declaration
 
 
@@ -50,8 +59,8 @@ def _unchanging(side: Any, units: Any, where: str) -> Any:
     found = _in_units(side, units, where)
     if _may_change(found):
         raise ModelError(
-            f"{where} has the side '{side}', which may change. A bound is a number: write pyo.value({side}), or state "
-            "a relation that follows it, such as b.constraint(lambda b, t: b.x[t] <= ...)."
+            f"{where}: the side '{side}' may change. A bound is a number: write {value(found, exception=False)}, or "
+            "state a relation that follows it, such as b.constraint(lambda b, t: b.x[t] <= ...)."
         )
     return value(found)
 

@@ -35,7 +35,7 @@ from .delays import delayed_value, value_at, value_at_time
 from .horizon import real_time
 from .nodes import IntervalNodes, KnotNodes, Nodes, initial_number
 from .record import PhaseRecord, add_generated, place
-from .stated_numbers import add_row_of_end
+from .stated_numbers import add_row_of_end, rate_units
 
 # -------------------------------------------------------------------------------------------------- variables over time
 
@@ -341,13 +341,6 @@ def _impose_boundary_value(variable: Any, given: float | Bounds | None, label: s
             "Widen the bounds or change the value."
         )
     variable.fix(value)
-
-
-def rate_units(units: Any, time_units: Any) -> Any:
-    """Units of a derivative, None where there are none at all."""
-    if units is None:
-        return None if time_units is None else 1 / time_units
-    return units if time_units is None else units / time_units
 
 
 def refuse_weightless_controls(block: Any) -> None:

@@ -309,7 +309,7 @@ class _TrajectoryCheck:
 
     def remark_what_is_not_stated(self, block: Any) -> None:
         known = self.record.generated_rows | {statement.name for statement in self.record.statements}
-        known |= rows_of_ends(self.record.declarations)
+        known |= rows_of_ends(self.record.declarations) | {"boundary_width", "duration_as_stated"}
         own = [name for name in block.component_map((Constraint, Complementarity)) if name not in known]
         if own:
             self.remarks.append(f"not checked, since they were not stated through the phase: {', '.join(own)}.")

@@ -14,7 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from pyrobocop_pyomo.errors import ContradictionError
 from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.modeling.variable_values import VariableValues
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.integer_approximation import (
     IntegralApproximation,
@@ -25,6 +27,7 @@ from pyrobocop_pyomo.numerics.integer_approximation import (
 from pyrobocop_pyomo.phases import Control, phases_of
 from pyrobocop_pyomo.phases.horizon import real_grid
 from pyrobocop_pyomo.phases.nodes import IntervalNodes
+from pyrobocop_pyomo.solving.iterates import Quality, StopReason
 from pyrobocop_pyomo.solving.solve_result import SolveResult, with_steps_of_all
 
 
@@ -124,6 +127,9 @@ class _Choice:
                     variable.fix(float(chosen == i) if self.one_of else values[chosen], skip_validation=True)
 
 
+_ROOM = "give more elements or more switches, ends that are intervals, or room at bounds that the relaxed plan touches"
+
+
 def open_choices(model: Any) -> list[_Choice]:
     """The integer controls of all active phases that are not held fixed."""
     found = []
@@ -181,8 +187,22 @@ def solve_with_integer_controls(model: Any, solve: Callable[[], SolveResult], de
         return replace(relaxed, remarks=(*relaxed.remarks, f"integer controls: not rounded, since {why_not}"))
     choices = open_choices(model)  # the durations that the relaxed plan has found are those of the intervals
     approximations = [choice.rounded() for choice in choices]
-    with _held(choices, approximations):
-        result = solve()
+    plan = VariableValues.of_all(model)
+    try:
+        with _held(choices, approximations):
+            result = solve()
+    except ContradictionError as error:  # of a row that holds nothing but such controls
+        plan.restore()
+        return replace(
+            relaxed,
+            quality=Quality.INFEASIBLE,
+            stop_reason=StopReason.INFEASIBLE,
+            standing=replace(relaxed.standing, excess=math.inf, optimal=False, certified=False),
+            remarks=(
+                *relaxed.remarks,
+                f"integer controls: the plan is the relaxed one; with rounded ones the {error.__cause__}: {_ROOM}",
+            ),
+        )
     rounding = IntegerRounding(
         relaxed.objective,
         result.objective,
@@ -193,10 +213,7 @@ def solve_with_integer_controls(model: Any, solve: Callable[[], SolveResult], de
     )
     remarks = [str(rounding)]
     if not result.standing.feasible:
-        remarks.append(
-            "with the rounded controls the constraints cannot be met: give more elements or more switches, ends that "
-            "are intervals, or room at bounds that the relaxed plan touches"
-        )
+        remarks.append(f"with the rounded controls the constraints cannot be met: {_ROOM}")
     return replace(
         with_steps_of_all(result, [relaxed, result]),
         remarks=(*result.remarks, *remarks),

@@ -185,6 +185,12 @@ def test_a_derivative_that_a_right_hand_side_reads_is_followed_between_the_point
 
 
 def test_rows_that_were_not_stated_through_the_phase_are_named_as_not_judged() -> None:
+    m = pyo.ConcreteModel()
+    m.T = pyo.Param(initialize=1.0, mutable=True)
+    m.phase = phase = rcp.PhaseBlock(elements=2, duration=m.T, free_element_widths=(0.5, 2.0))
+    phase.x = rcp.State(initial=0)
+    phase.ode(lambda b, t: {b.x: 0.0})
+    assert not phase.trajectory().verify().remarks
     phase = hand_made()
     phase.own_limit = pyo.Constraint(expr=phase.x[1.0] <= 1)
     phase.own_pair = rcp.Complementarity(expr=rcp.complements(phase.x[1.0] >= 0, phase.k >= 1))

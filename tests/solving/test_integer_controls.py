@@ -70,6 +70,13 @@ def test_what_helps_is_told_where_rounded_controls_cannot_meet_the_constraints()
     assert result.rounding is not None
     assert result.least_violation is None  # that of the relaxation explains nothing
     m = near_a_line(8, width=0.15)
+    m.limit = pyo.Constraint(expr=m.go.integral(lambda b, t: b.w[t]) <= 0.49)  # half of the time, rounded
+    result = rcp.solve(m)
+    assert not result.solved
+    assert "'limit'" in result.report()
+    assert "more elements or more switches" in result.report()
+    assert pyo.value(m.go.integral(lambda b, t: b.w[t])) <= 0.49 + 1e-6  # the relaxed plan is kept
+    del m.limit
     assert rcp.solve(m).solved
     assert m.go.trajectory().verify().largest_violation < 1e-6
     assert set(np.unique(m.go.trajectory().w)) <= {0.0, 1.0}
