@@ -93,14 +93,24 @@ def signed_distance(
 
 
 def _distance_of_ellipsoids(first: Polytope, second: Polytope) -> SignedDistance:
-    """Signed distance of two shapes one of which, at least, has ellipsoids; their nearest points are single ones."""
+    """Signed distance of two shapes one of which, at least, has ellipsoids."""
     (distance,), (normal,) = distances_of_shapes([(first, second)])
-    if second.ellipsoids is not None:
-        below = _lowest_points(PointSets.of([second]), -normal[None])[0]
-        below = below + second.radius * normal
-        return SignedDistance(float(distance), normal, below + distance * normal, below)
-    above = _lowest_points(PointSets.of([first]), normal[None])[0] - first.radius * normal
-    return SignedDistance(float(distance), normal, above, above - distance * normal)
+    origin = second.vertices[0]
+    p, q = _highest_points(first, -normal) - origin, _highest_points(second, normal) - origin
+    scale = max(float(np.abs(p).max()), float(np.abs(q).max())) or 1.0
+    rays = difference_rays(first.rays, second.rays, first.dimension)
+    # Moved apart along the normal, they are nearest where they are deepest in each other, or nearest, now.
+    apart = p + ((q @ normal).max() - (p @ normal).min() + scale) * normal
+    on_second = nearest_difference(apart, q, scale, rays, len(first.rays)).second + origin + second.radius * normal
+    return SignedDistance(float(distance), normal, on_second + distance * normal, on_second)
+
+
+def _highest_points(shape: Polytope, normal: np.ndarray) -> np.ndarray:
+    """The highest point of each corner along a normal, without padding, shape (v, d)."""
+    if shape.ellipsoids is None:
+        return shape.vertices
+    along = shape.ellipsoids.transpose(0, 2, 1) @ normal
+    return shape.vertices + np.einsum("vdc,vc->vd", shape.ellipsoids, along) / np.linalg.norm(along, axis=1)[:, None]
 
 
 def distance_of_points(

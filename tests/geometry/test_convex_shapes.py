@@ -23,6 +23,9 @@ SPATIAL: dict[str, Maker] = {
     "ball": lambda random: Polytope.ball(random.uniform(0.1, 2.0), random.normal(size=3)),
     "ellipsoid": lambda random: Polytope.ellipsoid(random.uniform(0.05, 3.0, 3), random.normal(size=3)),
     "padded ellipsoid": lambda random: Polytope.ellipsoid(random.uniform(0.05, 3.0, 3)).padded(0.2),
+    "swept ellipsoid": lambda random: Polytope.ellipsoid(random.uniform(0.05, 3.0, 3)).swept(
+        [(np.eye(3), place) for place in random.normal(size=(2, 3))]
+    ),
 }
 SHAPES = {**PLANAR, **SPATIAL}
 
@@ -91,3 +94,6 @@ def test_the_signed_distance_is_the_largest_gap(name: str, seed: int) -> None:
         exact = 1e-6 if found.distance > 0.0 else 2e-3  # depths of ellipsoids are found to a thousandth
         assert gaps.max() <= found.distance + exact * size
         assert found.first_point - found.second_point == pytest.approx(found.distance * found.normal, abs=1e-6 * size)
+        for of, point in ((first, found.first_point), (second, found.second_point)):
+            # Places are less exact than distances.
+            assert found.distance <= 0.0 or (normals @ point <= of.highest(normals) + 1e-4 * size).all()
