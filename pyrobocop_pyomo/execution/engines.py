@@ -111,7 +111,10 @@ def _answer_in_worker(engine: str, number: str, request: Request) -> Answer:
     """What a worker does; no two calls are alike, since Dask keeps what a call with the same arguments gave."""
     if getattr(_LAST, "engine", None) != engine:
         _LAST.engine, _LAST.host = engine, WorkerHost()
-    answer: Answer = _LAST.host.answer(request)
+    try:
+        answer: Answer = _LAST.host.answer(request)
+    except SystemExit as error:  # else it would end the caller's process, by the future
+        raise RuntimeError(f"a worker was told to end by sys.exit({error.code!r})") from error
     return answer
 
 

@@ -5,7 +5,7 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -51,6 +51,15 @@ def test_a_pool_of_processes_gives_the_same_reports_and_says_when_it_is_broken(p
         engines[0].solve({"a": TinyOrder(np.ones(5), "die")})
     with pytest.raises(EngineError, match=message):
         engines[1].solve({"a": TinyOrder(np.ones(5))})
+
+
+def test_a_task_that_ends_its_worker_is_given_up_and_the_caller_goes_on() -> None:
+    with ThreadPoolExecutor(2) as executor:
+        engine = ExecutorEngine(executor, workers=2)
+        engine.start(SPECS)
+        found = engine.solve({"a": TinyOrder(np.ones(5), "exit")})
+        assert isinstance(found["a"], AgentFailure)
+        assert not isinstance(engine.solve({"b": TinyOrder(np.ones(5))})["b"], AgentFailure)
 
 
 # ---------------------------------------------------------------- Dask; one cluster for all tests
