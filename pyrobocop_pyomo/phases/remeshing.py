@@ -152,7 +152,7 @@ def why_its_mesh_is_stated(phase: Any) -> str | None:
         control = phase.record.declarations[name]
         if control.parametrization != "collocated" and control.knots is None:
             return (
-                f"They stay, since the control '{name}' is {control.parametrization.replace('_', ' ')} over its "
+                f"The control '{name}' is {control.parametrization.replace('_', ' ')} over its "
                 "elements. Declare more elements, with knots=... for the control."
             )
     return None

@@ -309,13 +309,17 @@ def solve_on_finer_meshes(model: Any, tolerance: float, settings: Settings) -> S
     settings : Settings
     """
     phases = phases_of(model)
-    start = PlanningPoint(model) if phases and not any(map(why_its_mesh_is_stated, phases)) else None
+    stated = {phase.name: why for phase in phases if (why := why_its_mesh_is_stated(phase)) is not None}
+    start = PlanningPoint(model) if phases and not stated else None
     first = solve_model(model, settings)
     through_pairs = first.residuals or first.strategy == ABSOLUTE_VALUES.name
-    if start is None or through_pairs or not (first.solved or first.stop_reason is StopReason.INFEASIBLE):
+    if not phases or through_pairs or not (first.solved or first.stop_reason is StopReason.INFEASIBLE):
         return first
     if first.solved and not first.discretisation.ratio(tolerance) > 1.0:  # or not known
         return first
+    if start is None:
+        kept = (f"{KEPT_MESH} in phase '{name}'. {why}" for name, why in stated.items())
+        return replace(first, remarks=(*first.remarks, *kept))
     return _FinerMeshes(model, settings, start, tolerance, first).best()
 
 

@@ -191,6 +191,10 @@ def test_the_first_lines_say_what_keeps_a_coarse_mesh() -> None:
     m = forced()
     inside = [t for t in m.p.points if t not in m.p.grid.mesh.boundaries][2]
     m.culprit = pyo.Constraint(expr=m.p.x[inside] <= 10.0)
-    result = rcp.solve(m)
-    assert m.p.grid.mesh.elements == 4
-    assert any("The mesh stays as it is" in line and "culprit" in line for line in str(result).splitlines()[:4])
+    held = forced()
+    held.p.f = rcp.Control(bounds=(-1, 1), parametrization="piecewise_constant")
+    held.effort = pyo.Constraint(expr=held.p.integral(lambda b, t: b.f[t] ** 2) <= 1.0)
+    for model, name in ((m, "culprit"), (held, "'f'")):
+        result = rcp.solve(model)
+        assert model.p.grid.mesh.elements == 4
+        assert any("The mesh stays as it is" in line and name in line for line in str(result).splitlines()[:4])
