@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pyomo.repn.util
+from pyomo.common.env import CtypesEnviron
 from pyomo.common.errors import InvalidValueError
 from pyomo.common.fileutils import find_file
 from pyomo.contrib.pynumero.asl import AmplInterface
@@ -79,7 +80,8 @@ class AslProgram:
             )
         if not AmplInterface.available():
             AmplInterface.libname = library  # Pyomo itself found none: nothing of the user's is overruled
-        self._asl = _open(str(path), external_functions)
+        with CtypesEnviron(AMPLFUNC=external_functions):
+            self._asl = AmplInterface(str(path))
         self.n = self._asl.get_n_vars()
         self._pattern = scattered(self.n)
         self.m = self._asl.get_n_constraints()
@@ -179,20 +181,6 @@ class AslProgram:
         return finite(filled[0] if filled else np.array(value), "ASL", name)
 
 
-def _open(path: str, external_functions: str) -> AmplInterface:
-    """Read the file; the interface takes AMPLFUNC out of the environment, so it is put back afterwards."""
-    kept = os.environ.get("AMPLFUNC")
-    try:
-        if external_functions:
-            os.environ["AMPLFUNC"] = external_functions
-        return AmplInterface(path)
-    finally:
-        if kept is None:
-            os.environ.pop("AMPLFUNC", None)
-        else:
-            os.environ["AMPLFUNC"] = kept
-
-
 # How a model is written wherever this package writes one. Named expressions are written out: not every ASL
 # differentiates them rightly (docs/developer/evaluation.md). Presolving and scaling in the writer would alter the
 # multipliers of a warm start.
@@ -218,13 +206,12 @@ def program_of_file(model: BlockData, has_objective: bool) -> tuple[AslProgram, 
             if word in text.getvalue():
                 raise InvalidValueError(word)
     check_variables(model, info.variables)
-    libraries = info.external_function_libraries
     # ASL takes everything from the file at once: it can go as soon as the program exists.
     with tempfile.TemporaryDirectory(prefix="pyrobocop_") as folder:
         path = Path(folder) / "model.nl"
         content = text.getvalue() if has_objective else _with_objective(text.getvalue())
         path.write_text(content, encoding="utf-8", newline="\n")
-        nlp = AslProgram(path, amplfunc_merge(os.environ, *libraries) if libraries else "")
+        nlp = AslProgram(path, amplfunc_merge(os.environ, *info.external_function_libraries))
     return nlp, info.variables, info.constraints
 
 

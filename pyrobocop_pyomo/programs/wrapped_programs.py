@@ -1,4 +1,4 @@
-"""Nonlinear programs made from others: within other bounds, with moved, left out or elastic rows, in other units.
+"""Nonlinear programs made from others: within other bounds, with moved or elastic rows, in other units.
 
 A quadratic function added to a program's objective as numbers, so that changing it rebuilds nothing.
 """
@@ -107,46 +107,6 @@ class ShiftedRows(WrappedProgram):
     def compiled_run(self, scales: Scales | None = None, shifts: FloatArray | None = None) -> CompiledRun | None:
         """The functions for Ipopt without Python, the rows moved as in Python; see `CompiledRun`."""
         return compiled_run_of(self.nlp, scales, self._shifts) if shifts is None else None
-
-
-class WithoutRows(WrappedProgram):
-    """A nonlinear program without some of its rows.
-
-    Parameters
-    ----------
-    nlp : NonlinearProgram
-    rows : int array
-        Numbers of the rows to leave out.
-    """
-
-    def __init__(self, nlp: NonlinearProgram, rows: ArrayLike) -> None:
-        super().__init__(nlp)
-        kept = np.ones(nlp.m, dtype=bool)
-        kept[np.asarray(rows, dtype=np.intp)] = False
-        self.rows = np.flatnonzero(kept)
-        self.m = self.rows.size
-        self.g_lower, self.g_upper = nlp.g_lower[kept], nlp.g_upper[kept]
-        structure = nlp.jacobian_structure
-        self._entries = np.flatnonzero(kept[structure[0]])
-        numbers = np.cumsum(kept, dtype=np.int32) - 1
-        self.jacobian_structure = (
-            numbers[structure[0][self._entries]].astype(np.int32),
-            structure[1][self._entries].astype(np.int32),
-        )
-
-    def constraints(self, x: FloatArray) -> FloatArray:
-        """Values of the rows that are left, shape (m,)."""
-        return self.nlp.constraints(x)[self.rows]
-
-    def jacobian(self, x: FloatArray) -> FloatArray:
-        """Values of their Jacobian in the order of `jacobian_structure`."""
-        return self.nlp.jacobian(x)[self._entries]
-
-    def hessian(self, x: FloatArray, objective_factor: float, multipliers: FloatArray) -> FloatArray:
-        """Values of the Hessian of objective_factor * f + multipliers @ g."""
-        every = np.zeros(self.nlp.m)
-        every[self.rows] = multipliers
-        return self.nlp.hessian(x, objective_factor, every)
 
 
 class ScaledProgram(WrappedProgram):

@@ -13,8 +13,8 @@ from pyrobocop_pyomo.complementarity import LiftedPair, SideVariable
 from pyrobocop_pyomo.mpcc.multipliers import Multipliers
 from pyrobocop_pyomo.mpcc.problem import ComplementarityProgram, Sides
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.nonlinear_program import NonlinearProgram, Scales
-from pyrobocop_pyomo.programs.wrapped_programs import ScaledProgram, WithoutRows, WrappedProgram
+from pyrobocop_pyomo.programs.nonlinear_program import Scales
+from pyrobocop_pyomo.programs.wrapped_programs import ScaledProgram, WrappedProgram
 
 
 def numeric_pairs(
@@ -33,7 +33,7 @@ def numeric_pairs(
         Of the relaxed model.
     pairs : list of LiftedPair
     left_out : iterable of ConstraintData
-        The rows that relax the pairs: the program is without them.
+        The rows that relax the pairs: in the program they have no bounds.
     crossed : sequence of (int, int)
         Numbers of pairs: the a of the first and the b of the second are complementary as well.
     objective : float
@@ -44,10 +44,9 @@ def numeric_pairs(
     ComplementarityProgram
         Its pairs are those that were given, then the crossed ones.
     int array
-        Numbers of its rows in the compiled model.
+        Numbers of the rows that are left out: they are without bounds, and have no multipliers.
     """
-    rows = compiled.numbers_of(left_out)
-    nlp: NonlinearProgram = WithoutRows(compiled.nlp, rows) if rows.size else compiled.nlp
+    rows, nlp = compiled.numbers_of(left_out), compiled.nlp
     if objective != 1.0:
         nlp = ScaledProgram(nlp, Scales(np.ones(nlp.n), np.ones(nlp.m), objective))
     positions = {id(variable): position for position, variable in enumerate(compiled.variables)}
@@ -59,8 +58,10 @@ def numeric_pairs(
         rising, falling = ~sides.constant & (sides.sign > 0), ~sides.constant & (sides.sign < 0)
         np.maximum.at(lower, sides.index[rising], sides.offset[rising])
         np.minimum.at(upper, sides.index[falling], sides.offset[falling])
-    kept = np.setdiff1d(np.arange(compiled.nlp.m), rows)
-    return ComplementarityProgram(WrappedProgram(nlp, lower, upper), a, b), kept
+    program = WrappedProgram(nlp, lower, upper)
+    program.g_lower, program.g_upper = nlp.g_lower.copy(), nlp.g_upper.copy()
+    program.g_lower[rows], program.g_upper[rows] = -np.inf, np.inf
+    return ComplementarityProgram(program, a, b), rows
 
 
 def without_crossed(multipliers: Multipliers, crossed: Sequence[tuple[int, int]]) -> Multipliers:

@@ -78,7 +78,7 @@ class Polish:
         self._crossed = relaxed.crossed
         # What is absolute in linear programs, and where a branch ends, then means the same for every objective.
         self._slope = objective_slope(compiled, below=1.0)
-        self._program, self._kept_rows = numeric_pairs(
+        self._program, self._relaxing_rows = numeric_pairs(
             compiled, relaxed.lifted, relaxed.relaxing_rows, relaxed.crossed, objective=self._slope
         )
         self._limits = Limits(feasibility=settings.tolerances.feasibility)
@@ -106,7 +106,8 @@ class Polish:
             point = PrimalDualPoint(self._compiled.current_point())
             if iterate.multipliers is not None:
                 point = session.primal_dual(iterate, self._compiled)
-            rows = point.complete(self._compiled.nlp)[0][self._kept_rows]
+            rows = np.array(point.complete(self._compiled.nlp)[0])
+            rows[self._relaxing_rows] = 0.0
             point = replace(point, g_multipliers=rows).with_objective_divided(self._slope)
             start = BranchPoint.at(self._program, point)
             found = self._search.polish(start) if start.violation <= POLISHED_VIOLATION else start
@@ -225,10 +226,9 @@ class Polish:
         iterate, outcome = self._solved[id(found)]
         self._compiled.load_point(found.x)
         point = outcome.point.with_objective_divided(1.0 / self._slope)
-        every = np.zeros(self._compiled.nlp.m)
-        every[self._kept_rows] = point.g_multipliers
-        bounds = {name: getattr(point, name) for name in ("lower_multipliers", "upper_multipliers")}
-        loader = InProcessSolutionLoader(self._compiled, replace(outcome, g_multipliers=every, **bounds))
+        names = ("g_multipliers", "lower_multipliers", "upper_multipliers")
+        outcome = replace(outcome, **{name: getattr(point, name) for name in names})
+        loader = InProcessSolutionLoader(self._compiled, outcome)
         return replace(
             iterate,
             strategy=strategy,

@@ -180,7 +180,9 @@ class ExactPairs:
             ends[id(found)] = found, outcome
 
         search = ActiveSetSearch(program, solve, LIMITS, note, deadline)
-        begin = BranchPoint.at(program, replace(start, g_multipliers=start.complete(compiled.nlp)[0][rows]))
+        multipliers: FloatArray = np.array(start.complete(compiled.nlp)[0])
+        multipliers[rows] = 0.0
+        begin = BranchPoint.at(program, replace(start, g_multipliers=multipliers))
         found = search.polish(begin, only_nearest=True)
         if found is begin:
             failed = IpoptStatus.INFEASIBLE if runs[-1].status.solved else runs[-1].status
@@ -190,9 +192,7 @@ class ExactPairs:
             better = search.exchange(found, MET) if outcome.status.solved else found
             if ends[id(better)][1].status.solved:
                 found, outcome = ends[id(better)]
-        multipliers: FloatArray = np.zeros(compiled.nlp.m)
-        multipliers[rows] = outcome.g_multipliers
-        return replace(outcome, g_multipliers=multipliers), found.natural_residual
+        return outcome, found.natural_residual
 
 
 # ----------------------------------------------------------------------------------------------------- receding horizon
