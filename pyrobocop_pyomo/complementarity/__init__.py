@@ -1,6 +1,5 @@
 """Complementarity in any Pyomo model: the component, its canonical form and its relaxations."""
 
-from . import units
 from .component import Complementarity as Complementarity
 from .component import ComplementarityData as ComplementarityData
 from .forms import CanonicalForm as CanonicalForm
@@ -33,7 +32,6 @@ from .relaxing import RelaxationToken as RelaxationToken
 from .relaxing import RelaxComplementarity as RelaxComplementarity
 from .relaxing import crossed_pairs_of as crossed_pairs_of
 from .relaxing import delta_of as delta_of
-from .relaxing import generating_pairs as generating_pairs
 from .relaxing import has_penalty as has_penalty
 from .relaxing import lifted_pairs_of as lifted_pairs_of
 from .relaxing import pairs_of as pairs_of
@@ -56,5 +54,3 @@ from .schedules import Superlinear as Superlinear
 from .statement import Complements as Complements
 from .statement import complements as complements
 from .statement import either_zero as either_zero
-
-units.register_with_pyomo()

@@ -13,7 +13,6 @@ from pyrobocop_pyomo.modeling.row_violations import number_or_nan
 
 from .forms import CanonicalForm, CanonicalPair, SidePart
 from .record import RelaxationRecord, RelaxedPair
-from .units import without_units
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +115,7 @@ def _side(record: RelaxationRecord, form: CanonicalForm, side: Any, row: Any) ->
     """Return the expression of one side in the generated rows."""
     if record.lift and side_variable(side) is None:
         variable = record.put_variable(part_values(side)[0])
-        record.put_row("definitions", variable == without_units(side), [form.source])
+        record.put_row("definitions", variable == side, [form.source])
         return variable
     if row is not None:
         record.put_row("sides", row, [form.source])
@@ -126,5 +125,5 @@ def _side(record: RelaxationRecord, form: CanonicalForm, side: Any, row: Any) ->
 def _parts(record: RelaxationRecord, form: CanonicalForm, side: Any) -> dict[SidePart, Any]:
     """Two variables for the parts of a free side, whatever the option `lift`: no expression is smooth at zero."""
     positive, negative = map(record.put_variable, part_values(side))
-    record.put_row("definitions", positive - negative == without_units(side), [form.source])
+    record.put_row("definitions", positive - negative == side, [form.source])
     return {SidePart.POSITIVE: positive, SidePart.NEGATIVE: negative}

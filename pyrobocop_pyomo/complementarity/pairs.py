@@ -17,6 +17,7 @@ from pyomo.core.expr import EqualityExpression, RangedExpression
 from pyomo.core.expr.numvalue import value
 from pyomo.gdp import Disjunct
 from pyomo.mpec import Complementarity as MpecComplementarity
+from pyomo.util import check_units
 
 from pyrobocop_pyomo.errors import ComplementarityError
 from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES, is_inside, outermost_inactive
@@ -146,6 +147,20 @@ def _at(target: Any, model: Any, kinds: tuple[type, ...], containers: tuple[type
             yield data
         else:
             yield from _below(data, kinds, containers)
+
+
+def check_units_of_pair(data: Any) -> None:
+    """Raise Pyomo's `UnitsError` where the parts of a side have units that do not fit together."""
+    form = canonical_form(data)
+    for pair in form.pairs:
+        check_units.assert_units_consistent(pair.a)
+        check_units.assert_units_consistent(pair.b)
+    for row in form.rows:
+        check_units.assert_units_equivalent(*row.args)
+
+
+# The table by which Pyomo's check of units goes; it has none for pairs of any kind.
+getattr(check_units, "_component_data_handlers", {}).setdefault(Complementarity, check_units_of_pair)
 
 
 # ------------------------------------------------------------------------------------------------------------ residuals

@@ -12,7 +12,7 @@ from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
 from pyomo.core.base.var import Var
 
-from pyrobocop_pyomo.complementarity import canonical_form, generating_pairs, pairs_of
+from pyrobocop_pyomo.complementarity import canonical_form, pairs_of, sources_of
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
 from pyrobocop_pyomo.complementarity.relaxed_model import SIDES_HOLD
 from pyrobocop_pyomo.continuous.discretisation import discretisations_on
@@ -92,7 +92,7 @@ def _expressions(model: Any) -> Iterator[tuple[str, str, Any]]:
             if id(component) in generated:
                 continue
             # Of a row that stands for sides of pairs while these are relaxed, the first of them.
-            pairs = [data] if data.ctype in PAIR_TYPES else generating_pairs(data)
+            pairs = [data] if data.ctype in PAIR_TYPES else sources_of(data)
             place = f"a side of {place_in_words(pairs[0])}" if pairs else place_in_words(data)
             for side in (data.body,) if data.ctype is Constraint else sides_of(data):
                 yield component.name, place, side

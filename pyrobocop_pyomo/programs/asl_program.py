@@ -24,9 +24,10 @@ from pyomo.core.base.var import VarData
 from pyomo.repn.plugins.nl_writer import NLWriter
 from pyomo.solvers.amplfunc_merge import amplfunc_merge
 
+from pyrobocop_pyomo.diagnosis.values import named_undefined_rows
 from pyrobocop_pyomo.errors import EvaluationError, PyRobocopError, SolverNotFoundError
 
-from .model_checks import check_variables, refuse_function_calls, undefined_row
+from .model_checks import check_variables, refuse_function_calls
 from .nonlinear_program import FloatArray, finite, scattered
 
 ASL_REMEDY = (
@@ -242,11 +243,11 @@ def checked_writing(model: BlockData) -> Iterator[None]:
     except PyRobocopError:
         raise
     except (ArithmeticError, InvalidValueError, ValueError) as error:
-        row = undefined_row(model)
-        if row is None and not isinstance(error, (ArithmeticError, InvalidValueError)):
+        where = named_undefined_rows(model)
+        if not where and not isinstance(error, (ArithmeticError, InvalidValueError)):
             raise  # the writer objects to something else
         raise EvaluationError(
-            f"{row or repr(model.name)}: a number in an expression does not exist: {error}. Give Params and fixed "
+            f"'{model.name}': a number in an expression does not exist: {where or error}. Give Params and fixed "
             "variables values that it is defined for."
         ) from None
     finally:

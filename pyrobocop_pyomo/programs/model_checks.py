@@ -161,18 +161,6 @@ def _require_compiled(function: AMPLExternalFunction, row_name: str) -> None:
         )
 
 
-def undefined_row(model: BlockData) -> str | None:
-    """Name, in quotes, of the first active row or objective whose expression does not exist at the current values."""
-    for row in _active_rows(model):
-        try:
-            number_in(row.expr, row.name)
-        except EvaluationError:
-            return f"'{row.name}'"
-        except ModelError:
-            continue
-    return None
-
-
 def number_in(expression: Any, owner: str) -> float:
     """Value of an expression, for the component named `owner`.
 

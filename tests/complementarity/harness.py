@@ -8,7 +8,16 @@ import pyomo.environ as pyo
 from pyomo.gdp import Disjunct
 from pyomo.repn.plugins.nl_writer import NLWriter
 
-from pyrobocop_pyomo.complementarity import Complementarity, complements
+from pyrobocop_pyomo.complementarity import (
+    Complementarity,
+    complements,
+    lifted_pairs_of,
+    pairs_of,
+    relaxation_rows_of,
+    rows_of,
+    shifted_rows_of,
+    sources_of,
+)
 from pyrobocop_pyomo.complementarity.pairs import active_sources
 
 RELAX = pyo.TransformationFactory("pyrobocop.relax_complementarity")
@@ -56,7 +65,7 @@ def deactivate_pairs(model: Any) -> list[Any]:
 
 def row_values(model: Any) -> list[float]:
     """Value of ``body - bound`` for each relaxed row: not positive where the row holds."""
-    return [pyo.value(row.body) - row.ub for row in RELAX.shifted_rows_of(model)]
+    return [pyo.value(row.body) - row.ub for row in shifted_rows_of(model)]
 
 
 def text_without_pairs(model: Any) -> str:
@@ -100,12 +109,12 @@ def round_trip(model: Any, **options: Any) -> None:
 
 def _answers(model: Any) -> None:
     """Every generated row has sources of this very model, and is among the rows of each of them."""
-    pairs = RELAX.pairs_of(model)
+    pairs = pairs_of(model)
     assert all(pair.source.model() is model and not pair.source.active for pair in pairs)
-    for row in RELAX.relaxation_rows_of(model):
-        sources = RELAX.sources_of(row)
+    for row in relaxation_rows_of(model):
+        sources = sources_of(row)
         assert sources
-        assert all(source.model() is model and row in RELAX.rows_of(source) for source in sources)
-    assert set(map(id, RELAX.shifted_rows_of(model))) <= set(map(id, RELAX.relaxation_rows_of(model)))
-    for lifted in RELAX.lifted_pairs_of(model):
+        assert all(source.model() is model and row in rows_of(source) for source in sources)
+    assert set(map(id, shifted_rows_of(model))) <= set(map(id, relaxation_rows_of(model)))
+    for lifted in lifted_pairs_of(model):
         assert lifted.a.variable.model() is lifted.b.variable.model() is model

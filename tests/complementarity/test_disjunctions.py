@@ -17,7 +17,15 @@ from mpcc_catalogue.branches import enumerate_branches
 from pyomo.gdp import Disjunct, Disjunction
 from pyomo.repn.plugins.lp_writer import LPWriter
 
-from pyrobocop_pyomo.complementarity import Complementarity, active_pairs, complements
+from pyrobocop_pyomo.complementarity import (
+    Complementarity,
+    active_pairs,
+    complements,
+    relaxation_rows_of,
+    rows_of,
+    shifted_rows_of,
+    sources_of,
+)
 from pyrobocop_pyomo.complementarity.lifting import part_values, side_variable
 from pyrobocop_pyomo.errors import ComplementarityError
 
@@ -150,7 +158,7 @@ def test_a_relaxation_and_disjunctions_live_side_by_side(choose):
     before = state(m)
     RELAX.apply_to(m, targets=m.part)
     choose.apply_to(m)
-    assert len(RELAX.shifted_rows_of(m)) == 2
+    assert len(shifted_rows_of(m)) == 2
     choose.revert(m)
     RELAX.revert(m)
     assert state(m) == before
@@ -210,7 +218,7 @@ def test_pairs_in_a_disjunct_are_refused_until_it_is_chosen(choice):
     choice.right.indicator_var.fix(False)
     pyo.TransformationFactory("gdp.fix_disjuncts").apply_to(choice)
     RELAX.apply_to(choice)
-    assert len(RELAX.shifted_rows_of(choice)) == 2
+    assert len(shifted_rows_of(choice)) == 2
     nl_text(choice)
 
 
@@ -306,22 +314,22 @@ def test_only_sides_that_are_no_variables_are_lifted_and_their_products_are_bili
     token = RELAX.apply_to(m, lift=True)
     assert len(token.block.lifted) == 2
     assert all(variable.lb == 0 and variable.ub is None for variable in token.block.lifted.values())
-    assert {row.body.polynomial_degree() for row in RELAX.shifted_rows_of(m)} == {2}
+    assert {row.body.polynomial_degree() for row in shifted_rows_of(m)} == {2}
     # y >= p, z <= 4 and x <= 10: plain variables, of which only x has the bound itself.
     assert len(token.block.sides) == 2
     assert len(token.block.definitions) == 2
     for row in token.block.definitions.values():
         assert row.equality
-        assert RELAX.sources_of(row)[0] in (m.reversed, m.curved)
-        assert row in RELAX.rows_of(RELAX.sources_of(row)[0])
+        assert sources_of(row)[0] in (m.reversed, m.curved)
+        assert row in rows_of(sources_of(row)[0])
 
 
 def test_the_relaxation_rows_are_those_of_products_alone():
     m = mixed()
     token = RELAX.apply_to(m, lift=True)
-    assert RELAX.relaxation_rows_of(m) == RELAX.shifted_rows_of(m) == list(token.block.rows.values())
+    assert relaxation_rows_of(m) == shifted_rows_of(m) == list(token.block.rows.values())
     next(iter(token.block.rows.values())).deactivate()
-    assert len(RELAX.relaxation_rows_of(m)) == 2
+    assert len(relaxation_rows_of(m)) == 2
 
 
 def test_a_side_without_a_value_starts_at_zero():

@@ -20,6 +20,8 @@ from pyrobocop_pyomo.complementarity import (
     canonical_form,
     complements,
     pair_residuals,
+    rows_of,
+    shifted_rows_of,
     side_values,
 )
 from pyrobocop_pyomo.errors import ComplementarityError
@@ -175,13 +177,13 @@ def test_the_rows_of_a_range_bound_what_h_is_beyond_zero_by_delta(f, h, delta):
     m = two_variables(f, h)
     m.cc = Complementarity(expr=complements(pyo.inequality(m.lo, m.f, m.up), m.h))
     RELAX.apply_to(m, delta=delta)
-    *products, lower, parts, upper = RELAX.rows_of(m.cc)  # the sides of the first part, and what makes both parts
+    *products, lower, parts, upper = rows_of(m.cc)  # the sides of the first part, and what makes both parts
     for row, residual in zip(products, RELAX.residuals(m), strict=True):
         assert pyo.value(row.body) == pytest.approx(residual.product)
     assert pyo.value(parts.body) == pytest.approx(0.0) == parts.ub
     assert (lower.lb, upper.ub) == (-1, 2)
     assert lower.body is upper.body is m.f
-    assert [row.ub for row in RELAX.shifted_rows_of(m)] == [delta, delta]
+    assert [row.ub for row in shifted_rows_of(m)] == [delta, delta]
 
 
 @pytest.mark.parametrize("options", [{"relaxation": "penalty"}, {"grouping": "element"}, {"lift": True}], ids=str)
@@ -196,7 +198,7 @@ def test_the_products_of_a_range_are_summed_and_penalised_like_others(options):
     if options.get("relaxation") == "penalty":
         assert pyo.value(token.block.objective) == pytest.approx(m.f.value + total / 0.5)
     else:
-        assert sum(pyo.value(row.body) for row in RELAX.shifted_rows_of(m)) == pytest.approx(total)
+        assert sum(pyo.value(row.body) for row in shifted_rows_of(m)) == pytest.approx(total)
     RELAX.revert(m, token)
     assert state(m) == before
 

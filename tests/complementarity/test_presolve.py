@@ -7,6 +7,7 @@ import pytest
 from harness.small_problems import corner
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.complementarity import lifted_pairs_of
 from pyrobocop_pyomo.complementarity.relaxed_model import fixed_at_zero, presolve
 from pyrobocop_pyomo.errors import ComplementarityError
 
@@ -22,7 +23,7 @@ def plane(x_bounds=(0, None), y_bounds=(0, None)) -> pyo.ConcreteModel:
 def decisions(m: pyo.ConcreteModel) -> list[Any]:
     """What bounds decide of the lifted pairs."""
     RELAX.apply_to(m, lift=True)
-    return presolve(RELAX.lifted_pairs_of(m))
+    return presolve(lifted_pairs_of(m))
 
 
 def fixed(m: pyo.ConcreteModel) -> pyo.ConcreteModel:
@@ -75,7 +76,7 @@ def test_bounds_come_back_after_an_exception() -> None:
     m = plane((0.5, None))
     RELAX.apply_to(m, lift=True)
     before = stored_bounds(m)
-    with pytest.raises(ZeroDivisionError), fixed_at_zero(presolve(RELAX.lifted_pairs_of(m))):
+    with pytest.raises(ZeroDivisionError), fixed_at_zero(presolve(lifted_pairs_of(m))):
         1 / 0  # noqa: B018
     assert stored_bounds(m) == before
 

@@ -15,6 +15,11 @@ from pyrobocop_pyomo.complementarity import (
     Complementarity,
     active_pairs,
     complements,
+    lifted_pairs_of,
+    pairs_of,
+    rows_of,
+    shifted_rows_of,
+    sources_of,
     without_penalty,
 )
 from pyrobocop_pyomo.complementarity.relaxations import GROUPINGS, RELAXATIONS
@@ -50,15 +55,14 @@ def model():
 
 def test_a_side_becomes_a_row_only_where_no_bound_holds_it_and_a_row_of_the_user_has_no_source(model):
     RELAX.apply_to(model)
-    assert RELAX.lifted_pairs_of(model) == []
-    x_side = RELAX.rows_of(model.part[1].u)
+    assert lifted_pairs_of(model) == []
+    x_side = rows_of(model.part[1].u)
     assert len(x_side) == 1
-    product, side = RELAX.rows_of(model.part[1].v)
-    assert product in RELAX.shifted_rows_of(model)
+    product, side = rows_of(model.part[1].v)
+    assert product in shifted_rows_of(model)
     assert side.ub == 7
-    assert len(RELAX.rows_of(model.theirs[2])) == 3
-    with pytest.raises(ComplementarityError, match="'row': was not generated"):
-        RELAX.sources_of(model.row)
+    assert len(rows_of(model.theirs[2])) == 3
+    assert sources_of(model.row) == []
 
 
 @pytest.mark.parametrize(("sense", "sign"), [(pyo.minimize, 1), (pyo.maximize, -1)])
@@ -67,18 +71,18 @@ def test_the_penalty_makes_products_expensive_whatever_the_sense(sense, sign):
     plain = pyo.value(m.cost)
     RELAX.apply_to(m, relaxation="penalty", delta=0.25)
     penalised = m.relaxed_complementarity.objective
-    products = sum(pyo.value(pair.weight * pair.a * pair.b) for pair in RELAX.pairs_of(m))
+    products = sum(pyo.value(pair.weight * pair.a * pair.b) for pair in pairs_of(m))
     assert penalised.sense == sense
     assert pyo.value(penalised) == pytest.approx(plain + sign * products / 0.25)
     assert not m.cost.active
-    assert RELAX.shifted_rows_of(m) == []
+    assert shifted_rows_of(m) == []
     RELAX.delta_of(m).set_value(0.5)
     assert pyo.value(penalised) == pytest.approx(plain + sign * products / 0.5)
 
 
 def test_the_penalty_follows_the_objective_of_the_user_and_comes_from_all_pairs(model):
     token = RELAX.apply_to(model, relaxation="penalty")
-    assert len(RELAX.sources_of(token.block.objective)) == 10
+    assert len(sources_of(token.block.objective)) == 10
     before = pyo.value(token.block.objective)
     model.cost.set_value(model.cost.expr + 5)
     assert pyo.value(token.block.objective) == before + 5
@@ -92,7 +96,7 @@ def test_without_an_objective_the_penalty_is_all_that_is_minimised(model, relaxa
     penalty, expected = token.block.objective, token.block.component("excess")
     assert penalty.sense == pyo.minimize
     if relaxation == "penalty":
-        expected = sum(pair.weight * pair.a * pair.b for pair in RELAX.pairs_of(model))
+        expected = sum(pair.weight * pair.a * pair.b for pair in pairs_of(model))
     assert pyo.value(penalty) == pytest.approx(pyo.value(expected) / 0.25)
     copy = model.clone()
     assert nl_text(copy) == nl_text(model)
@@ -142,10 +146,10 @@ def test_a_sub_block_is_relaxed_on_its_own(model):
     before = state(model)
     token = RELAX.apply_to(model.part[1])
     assert token.block.parent_block() is model.part[1]
-    assert [row.parent_block() for row in RELAX.shifted_rows_of(model)] == [token.block] * 2
+    assert [row.parent_block() for row in shifted_rows_of(model)] == [token.block] * 2
     assert RELAX.delta_of(model) is token.block.delta
-    assert len(RELAX.pairs_of(model)) == 10
-    assert len(RELAX.pairs_of(model.part[1])) == 2
+    assert len(pairs_of(model)) == 10
+    assert len(pairs_of(model.part[1])) == 2
     RELAX.revert(model.part[1], token)
     assert state(model) == before
 
@@ -158,7 +162,7 @@ def test_two_deltas_over_one_model_are_refused(model):
     RELAX.apply_to(model, targets=model.ours)
     with pytest.raises(ComplementarityError, match=r"'part\[1\]': pairs of 'unknown' are relaxed already.*targets="):
         RELAX.apply_to(model.part[1])
-    assert len(RELAX.pairs_of(model.part[1])) == 2
+    assert len(pairs_of(model.part[1])) == 2
 
 
 def test_of_several_relaxed_blocks_no_single_delta_is_given(model):
@@ -166,7 +170,7 @@ def test_of_several_relaxed_blocks_no_single_delta_is_given(model):
         RELAX.delta_of(model)
     RELAX.apply_to(model.part[1])
     RELAX.apply_to(model.part[2])
-    assert len(RELAX.shifted_rows_of(model)) == 4
+    assert len(shifted_rows_of(model)) == 4
     with pytest.raises(ComplementarityError, match=r"found 'part\[1\]\.relaxed_complementarity', 'part\[2\]"):
         RELAX.delta_of(model)
 
@@ -177,7 +181,7 @@ def test_a_deactivated_pair_is_untouched_and_can_follow_later(model):
     first = RELAX.apply_to(model)
     assert not model.ours[2].active
     with pytest.raises(ComplementarityError, match=r"'ours\[2\]': is not relaxed"):
-        RELAX.rows_of(model.ours[2])
+        rows_of(model.ours[2])
     model.ours[2].activate()
     model.part[2].activate()
     assert [pair.name for pair in active_pairs(model)] == ["ours[2]", "part[2].u", "part[2].v"]
@@ -185,7 +189,7 @@ def test_a_deactivated_pair_is_untouched_and_can_follow_later(model):
         RELAX.apply_to(model)
     RELAX.revert(model, first)
     RELAX.apply_to(model)
-    assert len(RELAX.shifted_rows_of(model)) == 10
+    assert len(shifted_rows_of(model)) == 10
 
 
 def test_the_name_of_the_generated_block_is_unique(model):
@@ -241,8 +245,8 @@ def test_a_failure_leaves_the_model_as_it_was(model, spoil, options, message):
 
 def test_a_relaxation_without_a_shift_has_rows_but_none_that_may_move(model):
     RELAX.apply_to(model, relaxation=Unshiftable(), delta=0.5)
-    assert RELAX.shifted_rows_of(model) == []
-    row = RELAX.rows_of(model.part[1].u)[0]
+    assert shifted_rows_of(model) == []
+    row = rows_of(model.part[1].u)[0]
     assert pyo.value(row.body) == pytest.approx(Unshiftable().residual(1, 3, 0.5))
     nl_text(model)
 

@@ -16,6 +16,7 @@ from pyomo.mpec import Complementarity, complements
 from pyomo.util.check_units import assert_units_consistent
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.complementarity import shifted_rows_of
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.numerics import Matching
 
@@ -211,7 +212,7 @@ def test_pairs_in_blocks_of_time_and_a_relaxation_by_hand():
     OURS.apply_to(m, nfe=6)
     relax = pyo.TransformationFactory("pyrobocop.relax_complementarity")
     token = relax.apply_to(m, delta=1e-8)
-    assert len(relax.shifted_rows_of(m)) == 19  # and at the first point
+    assert len(shifted_rows_of(m)) == 19  # and at the first point
     pyo.SolverFactory("pyrobocop.ipopt").solve(m)
     assert CASES["complementarity"].errors(m)[0] < 1e-2
     assert rcp.dae_trajectory(m, m.t).pairs["contact.pair"].shape == (2, 18)

@@ -10,7 +10,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.complementarity import Elastic, PerElement
+from pyrobocop_pyomo.complementarity import Elastic, PerElement, lifted_pairs_of, relaxation_rows_of, shifted_rows_of
 from pyrobocop_pyomo.complementarity.relaxations import RELAXATIONS
 
 sides = st.floats(-2, 5)
@@ -69,7 +69,7 @@ def test_the_rows_that_are_built_are_those_of_the_page(word, a, b, delta):
     assume(min(abs(each) for each in excess) > 1e-9)
     m = pair(relaxation=word, delta=delta)
     assert holds(m, a, b) == (max(excess) <= 0)
-    (row,) = relax().relaxation_rows_of(m)
+    (row,) = relaxation_rows_of(m)
     assert pyo.value(row.body) - row.ub == pytest.approx(excess[-1], abs=1e-9)
 
 
@@ -88,7 +88,7 @@ def test_prices(a, b, delta):
     t = m.relaxed_complementarity.excess
     t.set_value(0.7)
     assert objective(m) == pytest.approx(a + 0.7 / delta)
-    (row,) = relax().relaxation_rows_of(m)
+    (row,) = relaxation_rows_of(m)
     assert (row.lb, t.lb, t.ub) == (None, 0, Elastic().excess_bound)
     assert pyo.value(row.body) - pyo.value(row.upper) == pytest.approx(a * b - 0.7)
 
@@ -118,7 +118,7 @@ def test_sums_and_crossed_products(values, delta):
         rcp.relaxations.Crossed(left_end="second"): [i * j for e in (0, 1) for i in a[e] for j in left_of_b[e]],
     }
     for grouping, products in expected.items():
-        rows = relax().shifted_rows_of(relaxed_stages(values, grouping=grouping, delta=delta))
+        rows = shifted_rows_of(relaxed_stages(values, grouping=grouping, delta=delta))
         assert [pyo.value(row.body) for row in rows] == pytest.approx(products, abs=1e-9)
         assert [row.ub for row in rows] == [delta] * len(rows)
 
@@ -136,7 +136,7 @@ def test_lifting(x):
     m.range = rcp.Complementarity(expr=rcp.complements(pyo.inequality(-1, m.F, 2), m.x - m.y))
     m.cost = pyo.Objective(expr=m.y)
     relax().apply_to(m, lift=True)
-    lifted, lower, upper = relax().lifted_pairs_of(m)
+    lifted, lower, upper = lifted_pairs_of(m)
     assert (lifted.a.variable.lb, lifted.a.variable.value) == (0, pytest.approx(max(x**3 - 1, 0)))
     assert lifted.b.variable is m.y
     plus, minus = lower.b.variable, upper.b.variable

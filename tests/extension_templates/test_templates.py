@@ -11,7 +11,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.complementarity import BarrierSchedule, Grouping, Relaxation, Schedule
+from pyrobocop_pyomo.complementarity import BarrierSchedule, Grouping, Relaxation, Schedule, shifted_rows_of, sources_of
 from tests.distributed.tiny_agents import SPECS, TinyOrder, play, undisturbed
 
 from .barrier_schedule import PowerOfBarrier
@@ -132,8 +132,8 @@ def test_grouping_keeps_every_pair_once():
     m.single = rcp.Complementarity(expr=rcp.complements(m.a[1] >= 0, m.b[2] >= 0))
     relax = pyo.TransformationFactory("pyrobocop.relax_complementarity")
     relax.apply_to(m, grouping=PerComponent(), delta=0.1)
-    rows = relax.shifted_rows_of(m)
-    sources = [source.name for row in rows for source in relax.sources_of(row)]
+    rows = shifted_rows_of(m)
+    sources = [source.name for row in rows for source in sources_of(row)]
     assert len(rows) == 2
     assert sorted(sources) == ["pair[1]", "pair[2]", "single"]
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from known_mpccs import mpcc_problem, mpcc_problems
 
 import pyrobocop_pyomo as rcp
+from pyrobocop_pyomo.complementarity import crossed_pairs_of
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.multipliers import Stationarity
@@ -241,5 +242,5 @@ def test_crossed_pairs_are_couples_of_different_pairs_of_an_element() -> None:
     for grouping, expected in (("pair", []), ("element", []), ("crossed", [(1, 2), (2, 1)])):
         m = two_stages()
         relax.apply_to(m, grouping=grouping, lift=True)
-        found = [(a.source.index(), b.source.index()) for a, b in relax.crossed_pairs_of(m)]
+        found = [(a.source.index(), b.source.index()) for a, b in crossed_pairs_of(m)]
         assert found == expected
