@@ -17,10 +17,8 @@ from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import (
     PathBounds,
     PointSets,
-    check_pose,
     distances_of_points,
     heights,
-    signed_distance,
 )
 from pyrobocop_pyomo.numerics import Array, Indices
 from pyrobocop_pyomo.numerics.interval_arithmetic import Interval
@@ -37,7 +35,6 @@ from .moving_shapes import (
     moving_shapes,
     required_clearance,
 )
-from .rules_along_motion import clearance_text, clearance_value, is_clearance_rule
 from .safety_report import BodyPairSafety, SafetyReport
 
 _EPS = float(np.finfo(float).eps)
@@ -96,8 +93,6 @@ def verify_clearance(
         first, second = (bodies[name].dimension for name in pair)
         if first != second:
             raise ObstacleError(f"the body pair {pair} is of a body in {first} and one in {second} dimensions.")
-    if not motion.intervals:
-        return _at_points(motion, bodies, clearances, tolerance)
     watched = {name: bodies[name] for name in dict.fromkeys(name for pair in clearances for name in pair)}
     shapes = moving_shapes(motion, watched)
     required = {pair: required_clearance(motion, asked, pair) for pair, asked in clearances.items()}
@@ -128,32 +123,6 @@ def _allowed(pair: tuple[str, str], clearance: float, tolerance: float | None) -
             "With a tolerance of 0, bodies that keep their clearance exactly could not be proven to."
         )
     return _TOLERANCE_PER_CLEARANCE * clearance if tolerance is None else tolerance
-
-
-def _at_points(
-    motion: Motion, bodies: Mapping[str, Body], clearances: Mapping[tuple[str, str], Any], tolerance: float | None
-) -> SafetyReport:
-    """Exact distances at points without an order, between which there is no motion."""
-    poses: dict[tuple[str, Any], Any] = {}
-    for name, body in bodies.items():
-        for point in motion.points:
-            pose = None if body.pose is None else motion.pose_at_node(body.pose, point, name=name)
-            if pose is not None:
-                check_pose(pose, name)
-            poses[name, point] = pose
-    results = []
-    for (first, second), asked in clearances.items():
-        rule = asked if is_clearance_rule(asked) else lambda block, t, asked=asked: asked
-        what = clearance_text((first, second))
-        required = np.array([clearance_value(rule(motion.block, point), what) for point in motion.points])
-        allowed = _allowed((first, second), float(required.min()), tolerance)
-        for p_name, p in bodies[first].named_parts(first):
-            for q_name, q in bodies[second].named_parts(second):
-                distances = np.array(
-                    [signed_distance(p, q, poses[first, at], poses[second, at]).distance for at in motion.points]
-                )
-                results.append(BodyPairSafety.at_points(p_name, q_name, motion.points, distances, required, allowed))
-    return SafetyReport(tuple(results), between=False, motion=motion.description)
 
 
 # ----------------------------------------------------------------------------------------------- proof of a single pair

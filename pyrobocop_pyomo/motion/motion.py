@@ -42,10 +42,6 @@ STATES_ONLY = (
 Nodes = tuple[tuple[float, ...], ...]
 
 
-def _refuse_nothing(signal: Item) -> None:
-    """What is read at points that have no order is not followed between them."""
-
-
 @dataclass(eq=False)
 class Motion:
     """A set of points and the motion between them; made by `motion_of`.
@@ -57,14 +53,15 @@ class Motion:
     points : tuple
         Members of the set.
     intervals : tuple of tuples
-        Nodes of each interval, both ends included; none where there is no motion between the points.
+        Nodes of each interval, both ends included.
     description : str
         What the motion between the points is, and how that is known, in words.
     polynomial : callable
         ``polynomial(signal, interval)`` returns local fractions of one interval, and the variables and expressions
         there that the polynomial of a signal goes through.
     refuse : callable
-        ``refuse(signal)`` raises `ObstacleError` for a signal whose polynomial is not continuous.
+        ``refuse(signal, early)`` raises `ObstacleError` for a signal whose polynomial is not continuous; early means
+        that the model is still being stated: what ties two durations may come later.
     is_assumed : bool
         Whether nothing in the model says that the motion between the nodes is this one.
     has_equations : bool
@@ -78,21 +75,10 @@ class Motion:
     intervals: Nodes
     description: str
     polynomial: Callable[[Item, int], tuple[Any, list[Any]]]
-    refuse: Callable[[Item], None] = _refuse_nothing
+    refuse: Callable[[Item, bool], None]
     is_assumed: bool = False
     has_equations: bool = True
     phase: Any = None
-
-    def check(self, signal: Item, *, early: bool = False) -> None:
-        """Raise `ObstacleError` for a signal that is not continuous.
-
-        Parameters
-        ----------
-        signal : Item
-        early : bool
-            True while the model is still being stated: what ties two durations may come later.
-        """
-        self.refuse(signal)
 
     def check_time_of(self, phase: Any) -> None:
         """Raise `ObstacleError` where ``phase.time_at`` does not map the indices to time."""
@@ -211,7 +197,8 @@ class PhaseMotion(Motion):
 
     def __init__(self, block: Any, points: tuple[Any, ...], phase: Any) -> None:
         polynomial = partial(_through_stages, phase.grid, self._rates, lambda interval: self._widths[interval])
-        super().__init__(block, points, intervals_of_grid(phase.grid), "", polynomial, phase=phase)
+        intervals = intervals_of_grid(phase.grid)
+        super().__init__(block, points, intervals, "", polynomial, self._refuse_other_signals, phase=phase)
         self._phases: list[Any] = []
         self._note(phase)
 
@@ -235,7 +222,7 @@ class PhaseMotion(Motion):
         is_state = name in home.record.names_of_states and home.component(name) is component
         return home, name if is_state else None
 
-    def check(self, signal: Item, *, early: bool = False) -> None:
+    def _refuse_other_signals(self, signal: Item, early: bool) -> None:
         """Refuse what is no state of the phase, or of one at the same times."""
         refuse_other_times(self.phase, self._home_of(signal.component), early=early)
         home, name = self._state_of(signal)
@@ -333,7 +320,7 @@ def _motion_along_discretisation(block: Any, points: tuple[Any, ...], discretisa
         shown = discretisation.substitutions.get(derivative, derivative)
         return {time: shown[variable.index()] for time, variable in data.items()}
 
-    def refuse(signal: Item) -> None:
+    def refuse(signal: Item, early: bool) -> None:
         component = parent_of(item_at(signal, grid.points[0]))
         if not any(state is component for state in discretisation.states):
             raise ObstacleError(f"'{signal.name}' has no derivative along '{domain.name}'. {STATES_ONLY}")
@@ -361,15 +348,14 @@ def motion_of(point_set: Any, parent_block: Any) -> Motion:
     point_set : Set or sequence
         ``time`` or ``points`` of a `PhaseBlock`, or a `ContinuousSet` that ``pyrobocop.collocation`` has discretised:
         intervals are the elements, and states follow the collocation polynomial. Numbers in increasing order: two
-        consecutive points are an interval, on which everything that is indexed by the set changes linearly. Anything
-        else: there are no intervals.
+        consecutive points are an interval, on which everything that is indexed by the set changes linearly.
     parent_block : Block
         First argument of pose rules.
 
     Raises
     ------
     ObstacleError
-        For a continuous set that is not discretised, and for numbers that do not increase.
+        For a continuous set that is not discretised, and for points that are no numbers, or do not increase.
     """
     if getattr(point_set, "ctype", None) is ContinuousSet:
         ours = discretisation_of(point_set)
@@ -382,16 +368,17 @@ def motion_of(point_set: Any, parent_block: Any) -> Motion:
     home = point_set.parent_block() if hasattr(point_set, "parent_block") else None
     if isinstance(home, PhaseBlockData) and (point_set is home.time or point_set is home.points):
         return PhaseMotion(parent_block, tuple(point_set), home)
-    points = tuple(point_set)
+    points, name = tuple(point_set), f"'{getattr(point_set, 'name', 'points')}'"
+    if not _is_ordered(point_set) or not all(map(_is_number, points)):
+        raise ObstacleError(
+            f"{name}: nothing is known of a motion between these points. Give the times of a phase, a discretised "
+            "ContinuousSet or ordered numbers."
+        )
+    increasing_numbers(points, f"{name}: numbers are times, and", ObstacleError)
     intervals: Nodes = tuple(itertools.pairwise(points))
-    polynomial = partial(_line, intervals)
-    if not _is_ordered(point_set) or not all(map(_is_number, points)) or not intervals:
-        alone = "the points alone; nothing is known of the motion between them"
-        return Motion(parent_block, points, (), alone, polynomial)
-    increasing_numbers(points, f"'{getattr(point_set, 'name', 'points')}': numbers are times, and", ObstacleError)
     words = "straight lines between the points, which is assumed"
     refuse = partial(_refuse_sampled_state, points[0])
-    return Motion(parent_block, points, intervals, words, polynomial, refuse, is_assumed=True)
+    return Motion(parent_block, points, intervals, words, partial(_line, intervals), refuse, is_assumed=True)
 
 
 def _is_ordered(point_set: Any) -> bool:
@@ -404,7 +391,7 @@ def _is_number(point: Any) -> bool:
     return isinstance(point, Real) and not isinstance(point, bool)
 
 
-def _refuse_sampled_state(point: float, signal: Item) -> None:
+def _refuse_sampled_state(point: float, signal: Item, early: bool) -> None:
     """What has a motion of its own must not be read at plain numbers: lines between them would hide that motion."""
     # Through a reference the variable is that of another component.
     component = parent_of(item_at(signal, point)) or signal.component

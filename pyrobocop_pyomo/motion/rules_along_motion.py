@@ -139,7 +139,7 @@ class RuleAlongMotion:
         with errors_naming(self.label):
             for slot in self.formulas.slots:
                 if isinstance(slot, Item):
-                    self.motion.check(slot, early=early)
+                    self.motion.refuse(slot, early)
                 elif isinstance(slot, Clock):
                     self.motion.check_time_of(slot.component)
                 elif not isinstance(slot, (Always, Time)):

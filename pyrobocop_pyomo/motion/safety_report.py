@@ -6,7 +6,7 @@ controls as well. What was not looked at has no number, and is neither safe nor 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -34,10 +34,9 @@ class BodyPairSafety(Presented):
     subintervals : int
         Number of subintervals that the proof used.
     interval_distance : array, shape (intervals,)
-        Smallest signed distance of all instants measured in each interval, or at each point where there are no
-        intervals; negative where the parts overlap. Where the clearance changes in time, the instant is meant at which
-        the distance exceeds it least. A search measures the intervals that are proven least. NaN: the interval was
-        proven clear by boxes, and no instant of it was measured.
+        Smallest signed distance of all instants measured in each interval; negative where the parts overlap. Where the
+        clearance changes in time, the instant is meant at which the distance exceeds it least. A search measures the
+        intervals that are proven least. NaN: the interval was proven clear by boxes, and no instant of it was measured.
     interval_proven : array, shape (intervals,)
         The signed distance is at least this at all times of the interval; at other times with another clearance, it
         exceeds that by at least ``interval_proven - interval_clearance``.
@@ -46,10 +45,10 @@ class BodyPairSafety(Presented):
     interval_deviation : array, shape (intervals,)
         How far the equations lead the parts from where the plan has them, under its controls: infinite where they lead
         out of all bounds, NaN where nobody looked. Distances are those of the plan; this is taken off what is proven.
-    interval_times : sequence of length intervals
-        When `interval_distance` was found; the points where they have no order.
-    interval_ends : array, shape (intervals, 2), optional
-        Times of the start and the end of each interval; None for points without order.
+    interval_times : array, shape (intervals,)
+        When `interval_distance` was found.
+    interval_ends : array, shape (intervals, 2)
+        Times of the start and the end of each interval.
     not_replayed : str
         Why the motion under the controls was not followed, or not everywhere; empty where it was, or is the plan.
     """
@@ -62,43 +61,29 @@ class BodyPairSafety(Presented):
     interval_proven: Array = field(repr=False)
     interval_clearance: Array = field(repr=False)
     interval_deviation: Array = field(repr=False)
-    interval_times: Sequence[Any] | Array = field(repr=False)
-    interval_ends: Array | None = field(default=None, repr=False)
+    interval_times: Array = field(repr=False)
+    interval_ends: Array = field(repr=False)
     not_replayed: str = ""
 
-    @classmethod
-    def at_points(
-        cls, first: str, second: str, points: Sequence[Any], distances: Array, required: Array, tolerance: float
-    ) -> BodyPairSafety:
-        """At points without an order: what is measured there is all there is to prove."""
-        by_equations = np.zeros(len(points))
-        return cls(first, second, tolerance, len(points), distances, distances, required, by_equations, points)
-
     @cached_property
-    def _closest(self) -> int:
-        """Position of the interval, or of the point, in which the distance exceeds the clearance least."""
+    def interval(self) -> int:
+        """Position of the interval in which the distance exceeds the clearance least."""
         return int(np.nanargmin(self.interval_distance - self.interval_clearance))
 
     @property
-    def interval(self) -> int | None:
-        """Where `distance` was found; None for points without order."""
-        return None if self.interval_ends is None else self._closest
-
-    @property
-    def time(self) -> Any:
-        """When `distance` was found; for a set without order, the point."""
-        time = self.interval_times[self._closest]
-        return time if self.interval_ends is None else float(time)
+    def time(self) -> float:
+        """When `distance` was found."""
+        return float(self.interval_times[self.interval])
 
     @property
     def distance(self) -> float:
         """Smallest of `interval_distance`, or that which exceeds its clearance least."""
-        return float(self.interval_distance[self._closest])
+        return float(self.interval_distance[self.interval])
 
     @property
     def clearance(self) -> float:
         """The distance asked for; where it changes in time, that at `time`."""
-        return float(self.interval_clearance[self._closest])
+        return float(self.interval_clearance[self.interval])
 
     @property
     def proven(self) -> float:
@@ -145,12 +130,12 @@ class BodyPairSafety(Presented):
 
     @property
     def unproven(self) -> tuple[int, ...]:
-        """Intervals (or points) for which the clearance, less the tolerance, is not proven of both motions."""
+        """Intervals for which the clearance, less the tolerance, is not proven of both motions."""
         return tuple(np.flatnonzero(~(self.proven_of_both >= self.interval_clearance - self.tolerance)).tolist())
 
     @property
     def violated(self) -> tuple[int, ...]:
-        """Intervals (or points) with an instant at which the plan itself is too close."""
+        """Intervals with an instant at which the plan itself is too close."""
         return tuple(np.flatnonzero(self.interval_distance < self.interval_clearance - self.tolerance).tolist())
 
     @property
@@ -188,7 +173,7 @@ class BodyPairSafety(Presented):
         )
         proven = f"; {self.verdict}: proven {self.proven:.3g} for the plan{of_equations}"
         return (
-            f"'{self.first}' and '{self.second}' {near} at t = {_time_text(self.time)}, required clearance "
+            f"'{self.first}' and '{self.second}' {near} at t = {self.time:.6g}, required clearance "
             f"{self.clearance:g}{proven if self.unproven and not self.violated else ''}"
         )
 
@@ -200,8 +185,6 @@ class SafetyReport(Presented):
     Attributes
     ----------
     body_pairs : tuple of BodyPairSafety
-    between : bool
-        False where the points have no order: the report is then about the points alone.
     motion : str
         Which motion between the points the report is about, in words.
     motion_is_assumed : bool
@@ -212,7 +195,6 @@ class SafetyReport(Presented):
     """
 
     body_pairs: tuple[BodyPairSafety, ...]
-    between: bool = True
     motion: str = ""
     motion_is_assumed: bool = False
     equations: str = ""
@@ -266,7 +248,7 @@ class SafetyReport(Presented):
                 f"{pair.first} - {pair.second}",
                 f"{pair.clearance:.6g}",
                 f"{pair.distance:.6g}",
-                _time_text(pair.time),
+                f"{pair.time:.6g}",
                 f"{pair.proven:.6g}",
                 "not known" if pair.not_replayed else f"{pair.proven_of_equations:.6g}",
                 pair.verdict,
@@ -282,14 +264,13 @@ class SafetyReport(Presented):
         return aligned(rows, ["<", *">" * (len(rows[0]) - 2), "<"])
 
     def __str__(self) -> str:
-        where = "at all times" if self.between else "at the points"
         of_motion = f"; motion: {self.motion}" if self.motion else ""
         count = len(self.body_pairs)
         pairs = "1 body pair keeps its" if count == 1 else f"{count} body pairs keep their"
         about = [self.equations] if self.equations else []
         if self.safe is not False:
             joint = ": " if self.safe else " "  # after a sentence that says why a motion is not known
-            return "\n".join([f"{self.word}{joint}{pairs} clearance {where}{of_motion}", *about, self.table()])
+            return "\n".join([f"{self.word}{joint}{pairs} clearance at all times{of_motion}", *about, self.table()])
         violated = sum(1 for pair in self.body_pairs if pair.violated)
         plan_only = sum(1 for pair in self.body_pairs if pair.verdict == "plan only")
         still_open = sum(1 for pair in self.body_pairs if pair.unproven and not pair.violated) - plan_only
@@ -307,7 +288,6 @@ def joined_report(reports: Iterable[SafetyReport]) -> SafetyReport:
     equations = dict.fromkeys(report.equations for report in collected if report.equations)
     return SafetyReport(
         body_pairs,
-        between=all(report.between for report in collected),
         motion="; ".join(motions),
         motion_is_assumed=any(report.motion_is_assumed for report in collected),
         equations="\n".join(equations),
@@ -317,7 +297,3 @@ def joined_report(reports: Iterable[SafetyReport]) -> SafetyReport:
 def _badness(pair: BodyPairSafety) -> tuple[bool, float]:
     """Sort key: unsafe pairs first, then those with least to spare."""
     return (not pair.unproven, -pair.shortfall)
-
-
-def _time_text(time: Any) -> str:
-    return f"{time:.6g}" if isinstance(time, float) else str(time)

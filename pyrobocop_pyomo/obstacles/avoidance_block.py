@@ -291,7 +291,7 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
         """Add the separations of the whole motion, before any refinement; where it starts next, that chooses them."""
         record, motion = self.record, self.motion
         part_pairs = [(first.name, second.name) for first, second in record.scene.part_pairs()]
-        segments = segments_of_motion(self._what, part_pairs, motion, record.per_interval)
+        segments = segments_of_motion(part_pairs, motion, record.per_interval)
         add_poses(record, motion, segments)
         record.update_estimates()
         snapshot = Snapshot(record, self._what)
@@ -487,8 +487,8 @@ class ObstacleAvoidanceBlock(MotionBlock, data=ObstacleAvoidanceBlockData):
     Parameters
     ----------
     points : Set, ContinuousSet or sequence of numbers
-        When: ``phase.time`` or ``phase.points`` of a `PhaseBlock`, a discretised ContinuousSet, ordered numbers; any
-        other set with ``between=None``. With `rule`, index sets take its place.
+        When: ``phase.time`` or ``phase.points`` of a `PhaseBlock`, a discretised ContinuousSet, ordered numbers. With
+        `rule`, index sets take its place.
     bodies : mapping of name to Body
         Bodies that the plan moves.
     obstacles : mapping of name to Polytope, list of Polytope or Body; or a sequence of such

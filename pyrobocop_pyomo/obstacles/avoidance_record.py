@@ -70,27 +70,10 @@ class MotionSegment:
         return left, right
 
 
-def segments_of_motion(
-    label: str, part_pairs: list[tuple[str, str]], motion: Motion, per_interval: bool
-) -> list[MotionSegment]:
-    """The segments before any refinement: one per interval, or one per point.
-
-    Raises
-    ------
-    ObstacleError
-        When there are no intervals, or the points are neither numbers nor names.
-    """
+def segments_of_motion(part_pairs: list[tuple[str, str]], motion: Motion, per_interval: bool) -> list[MotionSegment]:
+    """The segments before any refinement: one per interval, or one per point."""
     if not per_interval:
-        for time in motion.points:
-            if isinstance(time, tuple):
-                raise ObstacleError(f"{label}: the points are tuples such as {time}; give a set of single indices.")
         return [MotionSegment(*pair, None, (time,)) for pair in part_pairs for time in motion.points]
-    if not motion.intervals:
-        raise ObstacleError(
-            f"{label}: one plane per interval was asked for, but nothing is known about the motion between the points "
-            "given. Give the times of a phase, a discretised ContinuousSet or ordered numbers; or between=None, which "
-            "separates the shapes at the points only."
-        )
     intervals = [(k, times, motion.local_fractions(k)) for k, times in enumerate(motion.intervals)]
     return [MotionSegment(*pair, k, times, fractions) for pair in part_pairs for k, times, fractions in intervals]
 

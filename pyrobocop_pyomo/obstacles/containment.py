@@ -73,7 +73,7 @@ class ContainmentData(MotionBlockData):
         """Add the rows of all times."""
         record, motion = self.record, self.motion
         moving = record.scene.bodies["body"]
-        times = tuple(dict.fromkeys(t for nodes in motion.intervals for t in nodes)) or motion.points
+        times = tuple(dict.fromkeys(t for nodes in motion.intervals for t in nodes))
         assert moving.pose is not None
         poses = {("body", time): motion.pose_at_node(moving.pose, time) for time in times}
         record.poses = poses

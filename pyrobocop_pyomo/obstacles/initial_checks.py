@@ -53,7 +53,6 @@ def check_rules(label: str, motion: Motion, bodies: Mapping[str, Body], *, betwe
     label : str
         Name of the block in messages.
     motion : Motion
-        With intervals; else nothing is checked.
     bodies : mapping of name to Body
     between : bool
         Whether the rows are about the motion between the nodes. Rows of single points can be stated with rules that
@@ -65,7 +64,7 @@ def check_rules(label: str, motion: Motion, bodies: Mapping[str, Body], *, betwe
         Naming the body: its rule cannot be asked between the nodes, goes by values, turns a shape without end, or is
         on the index of a phase where that is no time.
     """
-    for name, body in bodies.items() if motion.intervals else ():
+    for name, body in bodies.items():
         if body.pose is None:
             continue
         try:
@@ -102,7 +101,7 @@ def _timed(block: Any) -> Iterator[tuple[str, Body, list[Slot]]]:
     """Bodies of a block whose pose depends on time and reads nothing that the plan moves, with what it reads."""
     motion = block.motion
     for name, body in block.record.scene.bodies.items():
-        if body.pose is not None and motion.intervals:
+        if body.pose is not None:
             slots = pose_along(motion, body.pose, name).followed(early=True).slots
             kinds = set(map(type, slots))
             if kinds & {Time, Clock} and not any(issubclass(kind, Item) for kind in kinds):
@@ -311,11 +310,10 @@ def check_block(block: Any, tolerance: float) -> None:
                 "clearance is a larger number, or a smaller one of tolerances={'feasibility': ...}."
             )
     farthest = {place: float(np.abs(snapshot.pose(*place)[1]).max()) for place in record.poses}
-    if motion.intervals:
-        moving_shapes(motion, {name: record.scene.bodies[name] for pair in record.asked for name in pair})
-        for pair, asked in record.asked.items():
-            if is_clearance_rule(asked):
-                required_clearance(motion, asked, pair)
+    moving_shapes(motion, {name: record.scene.bodies[name] for pair in record.asked for name in pair})
+    for pair, asked in record.asked.items():
+        if is_clearance_rule(asked):
+            required_clearance(motion, asked, pair)
     for (body, time), coordinate in farthest.items():
         if time is not None and np.spacing(coordinate) > tolerance * ROUNDING_PER_TOLERANCE:
             raise ObstacleError(
@@ -347,7 +345,7 @@ def check_region(region: Any, tolerance: float) -> None:
             f"beyond side {side + 1} of the region, with the clearance of {value(region.clearance):g}. Move the fixed "
             "pose, or ask for a larger region."
         )
-    if motion.intervals and has_values(record):
+    if has_values(record):
         moving_shapes(motion, {"body": record.scene.bodies["body"]})
 
 

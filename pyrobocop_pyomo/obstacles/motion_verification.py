@@ -254,7 +254,7 @@ def motion_along_trajectory(trajectory: Trajectory) -> Motion:
         model.add_component(name, Param(initialize=value))
     samples = trajectory.element_polynomials(np.linspace(0.0, 1.0, grid.scheme.stages + 2))
 
-    def refuse(signal: Item) -> None:
+    def refuse(signal: Item, early: bool) -> None:
         if signal.component.local_name not in samples:
             raise ObstacleError(f"'{signal.name}' is no state of trajectory '{trajectory.name}'. {STATES_ONLY}")
 

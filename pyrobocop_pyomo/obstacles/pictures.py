@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from numbers import Real
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyomo.environ as pyo
 
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope
-from pyrobocop_pyomo.motion.bodies import Body
-from pyrobocop_pyomo.motion.motion import Motion
 from pyrobocop_pyomo.motion.moving_shapes import moving_shapes
 from pyrobocop_pyomo.numerics import Array, Indices
 from pyrobocop_pyomo.plotting import AnimationFile, BodyPath, animate_scene, draw_scene
@@ -68,20 +64,10 @@ def scene_of(avoid: Any) -> tuple[Array, list[BodyPath], list[Polytope]]:
     motion, bodies = avoid.motion, avoid.record.scene.bodies
     moving = {name: body for name, body in bodies.items() if body.moves}
     resting = [part for name, body in bodies.items() if not body.moves for _, part in body.named_parts(name)]
-    try:
-        shapes = moving_shapes(motion, moving) if motion.intervals else {}
-    except ObstacleError:  # a pose that reads a control or an algebraic variable: drawn at the points only
-        shapes = {}
-    if shapes:
-        interval, fraction = _instants(len(motion.intervals))
-        ends = motion.interval_ends
-        time = ends[interval, 0] + fraction * (ends[interval, 1] - ends[interval, 0])
-        poses = {name: parts[0].poses(interval, fraction) for name, parts in shapes.items()}
-    else:
-        times = [pyo.value(motion.time_at(point)) for point in motion.points]
-        # Points that are no times are drawn in their order.
-        time = np.array(times if all(isinstance(each, Real) for each in times) else range(len(times)), dtype=float)
-        poses = {name: _at_points(motion, body, name) for name, body in moving.items()}
+    interval, fraction = _instants(len(motion.intervals))
+    ends = motion.interval_ends
+    time = ends[interval, 0] + fraction * (ends[interval, 1] - ends[interval, 0])
+    poses = {name: parts[0].poses(interval, fraction) for name, parts in moving_shapes(motion, moving).items()}
     for name, of_body in poses.items():
         if not all(np.isfinite(of).all() for of in of_body):
             raise ObstacleError(f"'{name}': its pose has no finite value everywhere, so that it cannot be drawn.")
@@ -93,9 +79,3 @@ def _instants(intervals: int) -> tuple[Indices, Array]:
     share = max(2, -(-_FEWEST_POSES // intervals))
     interval = np.append(np.repeat(np.arange(intervals), share), intervals - 1)
     return interval, np.append(np.tile(np.arange(share) / share, intervals), 1.0)
-
-
-def _at_points(motion: Motion, body: Body, name: str) -> tuple[Array, Array]:
-    poses = [motion.pose_at_node(body.pose, point, name=name) for point in motion.points]  # type: ignore[arg-type]
-    rotations, translations = zip(*(pose.numbers() for pose in poses), strict=True)
-    return np.array(rotations), np.array(translations)

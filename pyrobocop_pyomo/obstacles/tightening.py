@@ -58,8 +58,7 @@ def _tighten_separations(block: Any, report: SafetyReport, *, split: bool) -> di
     missed = []
     for pair, k in places:
         # Separations of single times cannot be tightened for the motion in between: those left out are restored.
-        nodes = motion.intervals[k] if motion.intervals else (motion.points[k],)
-        missed += [(pair.first, pair.second, place) for place in ((k,) if per_interval else nodes)]
+        missed += [(pair.first, pair.second, place) for place in ((k,) if per_interval else motion.intervals[k])]
     done = {"separations restored": len(block.restore_near(missed)), "margins raised": 0, "separations split": 0}
     for pair, interval in places:
         for segment in present.get((pair.first, pair.second, interval), ()):
@@ -81,7 +80,7 @@ def _raise_margins_to_region(region: ContainmentData, report: SafetyReport) -> d
     """Raise margins where a motion leaves a region between the times at which corners have rows."""
     intervals = region.motion.intervals
     more = np.zeros(len(intervals))
-    for pair in report.body_pairs if intervals else ():
+    for pair in report.body_pairs:
         unproven = list(pair.unproven)
         more[unproven] = np.fmax(more[unproven], MISSING_FACTOR * _missing(pair)[unproven])
     for interval in np.flatnonzero(more).tolist():

@@ -236,35 +236,26 @@ def plot_clearances(title: str, pairs: Sequence[Any], *, most: int = 6, figure: 
     axis.set_title(title, color="0.1" if all(pair.safe is not False for pair in pairs) else "C3")
     drawn, rest = pairs[:most], pairs[most:]
     for i, pair in enumerate(drawn):
-        colour, spans = f"C{i}", _spans(pair)
-        _steps(axis, spans, pair.proven_of_both, color=colour, linewidth=1.6, label=f"{pair.first} - {pair.second}")
-        times = pair.interval_times if pair.interval_ends is not None else spans.mean(axis=1)
-        axis.plot(times, pair.interval_distance, "o", color=colour, markersize=3, zorder=3)
+        colour, label = f"C{i}", f"{pair.first} - {pair.second}"
+        _steps(axis, pair.interval_ends, pair.proven_of_both, color=colour, linewidth=1.6, label=label)
+        axis.plot(pair.interval_times, pair.interval_distance, "o", color=colour, markersize=3, zorder=3)
     for pair in rest:
         label = f"{len(rest)} others" if pair is rest[0] else None
-        _steps(axis, _spans(pair), pair.proven_of_both, color="0.75", linewidth=0.8, zorder=1, label=label)
+        _steps(axis, pair.interval_ends, pair.proven_of_both, color="0.75", linewidth=0.8, zorder=1, label=label)
     for pair in drawn:
         label = "asked" if pair is drawn[0] else None
         dashed = {"linewidth": 1.2, "linestyle": (0, (5, 3)), "zorder": 4}
-        _steps(axis, _spans(pair), pair.interval_clearance, color="black", label=label, **dashed)
+        _steps(axis, pair.interval_ends, pair.interval_clearance, color="black", label=label, **dashed)
     axis.axhline(0.0, color="C3", linewidth=0.8, zorder=1)
     axis.axhspan(-1e9, 0.0, color="C3", alpha=0.06, linewidth=0)
     axis.set_ylim(*_limits(drawn))
-    axis.set_xlabel("time" if all(pair.interval_ends is not None for pair in pairs) else "point")
+    axis.set_xlabel("time")
     axis.set_ylabel("distance: line proven, dot found")
     axis.grid(alpha=0.3)
     if pairs:
         axis.margins(x=0.01)
         figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize="small")
     return figure
-
-
-def _spans(pair: Any) -> Array:
-    """Both ends of each interval, shape (intervals, 2); single points are numbered, and as wide as their distance."""
-    if pair.interval_ends is not None:
-        return np.asarray(pair.interval_ends)
-    places = np.arange(len(pair.interval_proven), dtype=float)
-    return np.column_stack([places - 0.5, places + 0.5])
 
 
 def _steps(axis: Any, spans: Array, values: Array, **style: Any) -> None:

@@ -202,7 +202,7 @@ def _kept(safety: Any) -> str:
         return ""
     if safety.safe is None:
         return f", {shorten(safety.word.removesuffix('.'), MOST_CHARACTERS // 2, placeholder=' ...')}"
-    return f", and {safety.word}: clearances kept{' at all times' if safety.between else ''}"
+    return f", and {safety.word}: clearances kept at all times"
 
 
 def _pairs(result: Any) -> Iterable[str]:

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.geometry import Polytope, Pose, distances_of_shapes, planar_pose, spatial_pose
-from pyrobocop_pyomo.motion import Body, motion_of, verify_clearance
+from pyrobocop_pyomo.motion import Body
 
 CAR = Polytope.box(1.0, 0.5)
 DENSE = 400
@@ -209,20 +209,6 @@ def test_nothing_is_gained_along_a_wall_without_end() -> None:
         wall = Polytope.from_halfspaces([outwards], [0.0], bounded=False)
         report = check(on_points([(*end, 0.0) for end in ends]), body, [wall], distance / 2)
         assert report.body_pairs[0].proven <= distance + 1e-15 * along, seed
-
-
-def test_points_without_order_are_checked_alone() -> None:
-    m = pyo.ConcreteModel()
-    m.places = pyo.Set(initialize=["here", "there"])
-    m.x = pyo.Var(m.places, initialize={"here": 0.0, "there": 3.0})
-    body = Body(CAR, lambda b, p: planar_pose(b.x[p], 0))
-    wall = Body(Polytope.box(1, 1, center=(5, 0)))
-    report = verify_clearance(motion_of(m.places, m), {"body": body, "wall": wall}, {("body", "wall"): 0.5})
-    assert report.safe
-    assert (report.body_pairs[0].time, report.body_pairs[0].interval) == ("there", None)
-    assert report.body_pairs[0].distance == pytest.approx(1.0)
-    assert "at the points" in str(report)
-    assert "the points alone" in str(report).splitlines()[0]
 
 
 def test_infinite_speed_is_no_proof_but_values_still_are() -> None:

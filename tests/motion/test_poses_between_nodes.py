@@ -88,11 +88,9 @@ def test_at_a_node_the_rule_itself_is_asked() -> None:
 
 
 @pytest.mark.parametrize("given", [["a", "b"], {1, 2}, [3.0]], ids=str)
-def test_points_that_are_no_times_have_no_intervals(given: Any) -> None:
-    m = pyo.ConcreteModel()
-    motion = motion_of(given, m)
-    assert motion.intervals == ()
-    assert set(motion.points) == set(given)
+def test_points_between_which_nothing_is_known_are_refused(given: Any) -> None:
+    with pytest.raises(ObstacleError, match="'points'"):
+        motion_of(given, pyo.ConcreteModel())
 
 
 # With a pose, an interval, a fraction of it, and the place there.

@@ -38,7 +38,7 @@ BAD = {
     "name of a part": ({"obstacles": {"wall": [WALL, WALL], "wall[1]": WALL}}, r"'wall\[1\]'"),
     "between": ({"between": "nodes"}, "'nodes'"),
     "broad phase below clearance": ({"broad_phase": 0.05}, "nearer than the clearance"),
-    "names without intervals": ({"points": ["a", "b"], "between": "plane"}, "between=None"),
+    "points that are no times": ({"points": ["a", "b"], "between": None}, "ordered numbers"),
     "times that do not increase": ({"points": [0.0, 1.0, 0.5]}, "increase"),
 }
 

@@ -61,35 +61,6 @@ def test_a_block_draws_and_animates_itself(case: str, tmp_path: Path) -> None:
     assert written.stat().st_size > 1000
 
 
-def test_points_without_a_motion_between_them_are_drawn_in_their_order() -> None:
-    m = pyo.ConcreteModel()
-    m.places = pyo.Set(initialize=["left", "middle", "right"])
-    m.x = pyo.Var(m.places, initialize={"left": -3, "middle": 0, "right": 4})
-    m.avoid = rcp.ObstacleAvoidanceBlock(
-        m.places,
-        bodies={"table": rcp.Body(CAR, pose=lambda m, place: rcp.planar_pose(m.x[place], 0))},
-        obstacles=[WALL],
-        clearance=0.1,
-        between=None,
-    )
-    time, (table,), _ = scene_of(m.avoid)
-    assert time.tolist() == [0, 1, 2]
-    assert table.translation[:, 0].tolist() == [-3, 0, 4]
-    rcp.scenes.draw_avoidance(m.avoid)
-
-
-def test_a_pose_that_reads_a_control_is_drawn_at_the_points_only() -> None:
-    bodies = {"car": rcp.Body(CAR, pose=lambda b, t: rcp.planar_pose(b.x[t], b.steering[t], 0))}
-    m = model("fixed duration")
-    m.drive.del_component("avoid")
-    m.drive.avoid = rcp.ObstacleAvoidanceBlock(
-        m.drive.points, bodies=bodies, obstacles=[WALL], clearance=0.1, between=None
-    )
-    time, (car,), _ = scene_of(m.drive.avoid)
-    assert time == pytest.approx(list(m.drive.points))
-    assert car.translation[:, 1] == pytest.approx(time, abs=1e-9)
-
-
 def test_without_values_the_body_is_named() -> None:
     m = model("fixed duration")
     m.drive.x[m.drive.final_time].clear()

@@ -56,8 +56,6 @@ def _can_turn_at_both_ends(block: Any) -> bool:
     A car whose start or goal has no such room needs manoeuvres, which a path for a ball does not know.
     """
     motion, scene = block.motion, block.record.scene
-    if not motion.intervals:
-        return False
     for name, body in scene.bodies.items():
         if name in scene.obstacles or body.pose is None:
             continue

@@ -400,7 +400,7 @@ def _timed(case: VehiclesCase, car: ParkingCar, moves: list[VehicleMove], cleara
     spare = SPARE
     while True:
         plan = VehiclesPlan(
-            case, car, _departures(space, moves, asked + 2.0 * float(off.max()) + spare), SafetyReport((), True)
+            case, car, _departures(space, moves, asked + 2.0 * float(off.max()) + spare), SafetyReport(())
         )
         times = np.arange(0.0, plan.duration + 2.0 * STEP, STEP)
         names = [f"vehicle {k + 1}" for k in range(len(case))]
