@@ -236,8 +236,8 @@ def plot_clearances(title: str, pairs: Sequence[Any], *, most: int = 6, figure: 
     axis.set_title(title, color="0.1" if all(pair.safe is not False for pair in pairs) else "C3")
     drawn, rest = pairs[:most], pairs[most:]
     for i, pair in enumerate(drawn):
-        colour, label = f"C{i}", f"{pair.first} - {pair.second}"
-        _steps(axis, pair.interval_ends, pair.proven_of_both, color=colour, linewidth=1.6, label=label)
+        colour, names = f"C{i}", f"{pair.first} - {pair.second}"
+        _steps(axis, pair.interval_ends, pair.proven_of_both, color=colour, linewidth=1.6, label=names)
         axis.plot(pair.interval_times, pair.interval_distance, "o", color=colour, markersize=3, zorder=3)
     for pair in rest:
         label = f"{len(rest)} others" if pair is rest[0] else None
