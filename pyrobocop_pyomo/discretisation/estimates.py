@@ -207,14 +207,9 @@ class DiscretisationEstimate(Presented):
     @property
     def is_large(self) -> bool:
         """Whether an error is known to be above a thousandth of the objective, or a hundredth of a state or limit."""
-        objective, motion = self.relative_objective_error, self.motion_error
-        if self._passes_limits or (objective is not None and not objective <= SMALL_OBJECTIVE_ERROR):
-            return True
-        return motion is not None and not motion <= SMALL_MOTION_ERROR
-
-    @property
-    def _passes_limits(self) -> bool:
-        return self.excess is not None and not self.excess <= SMALL_MOTION_ERROR
+        errors = (self.motion_error, SMALL_MOTION_ERROR), (self.excess, SMALL_MOTION_ERROR)
+        known = (*errors, (self.relative_objective_error, SMALL_OBJECTIVE_ERROR))
+        return any(error is not None and not error <= small for error, small in known)
 
     @property
     def largest_known_motion_error(self) -> float:
@@ -330,24 +325,9 @@ class DiscretisationEstimate(Presented):
             )
         elif self.phases:
             parts.append("motion not known")
-        if self.excess is not None and self.excess > WORTH_A_SENTENCE:
+        if self.excess is not None and not self.excess <= WORTH_A_SENTENCE:
             parts.append(f"limits of states passed between the points by {percent(self.excess)} of their sizes")
         return f"error of the mesh, estimated: {', '.join(parts)}" if parts else ""
-
-    def in_words(self) -> str:
-        """What is large, and what helps; empty where nothing is."""
-        if not self.is_large:
-            return ""
-        off = []
-        objective = self.relative_objective_error
-        for phase in self.phases.values():
-            if phase.relative is not None and not phase.relative <= SMALL_MOTION_ERROR:
-                off.append(f"'{phase.name}.{phase.state}' is off by {percent(phase.relative)} within an element")
-        if objective is not None and not objective <= SMALL_OBJECTIVE_ERROR:
-            off.append(f"the objective {'' if off else 'is off '}by {self._objective_error_in_words(objective)}")
-        if self._passes_limits:
-            off.append(f"a limit of states is passed between the points by {percent(self.excess or 0.0)} of its size")
-        return f"{', '.join(off)}; take more elements"
 
     def __str__(self) -> str:
         advice = "The mesh is coarse: take more elements." if self.is_large else ""

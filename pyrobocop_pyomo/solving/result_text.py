@@ -224,7 +224,7 @@ def _doubts(result: Any) -> Iterable[str]:
         yield CHANGED
     mesh = result.errors_of_answer
     if mesh.is_large:
-        yield f"COARSE MESH: {mesh.in_words()}"
+        yield f"COARSE MESH: {mesh.sentence()}; take more elements"
     yield from (remark for remark in result.remarks if remark.startswith(KEPT_MESH))
     yield from mesh.bounds_passed
     if motion := _motion(result):

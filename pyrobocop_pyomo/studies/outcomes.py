@@ -103,7 +103,9 @@ class Outcome(Presented):
             return self.result.quality.value if stopped is StopReason.FINISHED else stopped.value
         if not self.solved:
             return "The motion is not proven to be safe."
-        return f"COARSE MESH: {mesh.in_words()}" if mesh.is_large else "" if mesh.is_known else mesh.in_short()
+        if mesh.is_large:
+            return f"COARSE MESH: {mesh.sentence()}; take more elements"
+        return "" if mesh.is_known else mesh.in_short()
 
     @property
     def cut_short(self) -> bool:

@@ -196,7 +196,7 @@ def test_a_path_constraint_that_is_passed_between_the_points_is_doubtful() -> No
     result = solution(m, mesh_tolerance=None, strategies=rcp.Strategy(exploration=0))
     assert max(math.sin(angle) for angle in m.p.trajectory()(np.linspace(0, 2, 200))["q"]) > 0.95
     (doubt,) = [line for line in str(result).splitlines() if line.startswith("COARSE MESH: ")]
-    assert "a limit of states is passed between the points by " in doubt
+    assert "limits of states passed between the points by " in doubt
     assert doubt.endswith("take more elements")
 
 
