@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -298,7 +297,8 @@ class Polytope(Presented):
         """
         if self.ellipsoids is None:
             return self
-        unit = _around_ball(self.dimension)
+        unit = on_unit_ball(self.dimension, 16 if self.dimension == 2 else 50)
+        unit *= (1.0 + ROUNDING) / float(-scipy.spatial.ConvexHull(unit).equations[:, -1].max())
         share = float(np.linalg.norm(unit, axis=1).max())
         around = Polytope.hull(self.images(unit), radius=self.radius, name=self.name)
         return replace(around, excess=(share - 1.0) * float(np.linalg.norm(self.ellipsoids, 2, axis=(1, 2)).max()))
@@ -421,13 +421,16 @@ def extents(normals: np.ndarray, ellipsoids: np.ndarray) -> np.ndarray:
 
 
 @cache
-def _around_ball(dimension: int) -> np.ndarray:
-    """Corners (k, d) of a polytope around the unit ball: 16 in the plane, 42 in space, all equally far away."""
-    if dimension == 3:
-        unit = _on_sphere(2)
-        return unit * (1.0 + ROUNDING) / float(-scipy.spatial.ConvexHull(unit).equations[:, -1].max())
-    angles = 2.0 * math.pi * (np.arange(16) + 0.5) / 16
-    return (1.0 + ROUNDING) / math.cos(math.pi / 16) * np.column_stack([np.cos(angles), np.sin(angles)])
+def on_unit_ball(dimension: int, count: int) -> np.ndarray:
+    """So many points (count, d), evenly spread over the unit circle or along a spiral on the unit sphere."""
+    if dimension == 2:
+        angles = 2.0 * math.pi * np.arange(count) / count
+        return np.column_stack([np.cos(angles), np.sin(angles)])
+    steps = np.arange(count) + 0.5
+    angles, heights = math.pi * (1.0 + math.sqrt(5.0)) * steps, 1.0 - 2.0 * steps / count
+    return np.column_stack(
+        [np.sqrt(1.0 - heights**2)[:, None] * np.column_stack([np.cos(angles), np.sin(angles)]), heights]
+    )
 
 
 def _frame_along(axis: Sequence[float], name: str) -> np.ndarray:
@@ -440,16 +443,3 @@ def _frame_along(axis: Sequence[float], name: str) -> np.ndarray:
     x = np.array([1.0, 0.0, 0.0]) if abs(z[2]) == 1.0 else np.cross(least, z)
     x = x / np.linalg.norm(x)
     return np.column_stack([x, np.cross(z, x), z])
-
-
-def _on_sphere(parts: int) -> np.ndarray:
-    """Points of an icosahedron whose edges are cut into so many parts, on the unit sphere: ``10 parts^2 + 2``."""
-    golden = (1.0 + math.sqrt(5.0)) / 2.0
-    signs = itertools.product((-1.0, 1.0), repeat=2)
-    rows = [np.roll((0.0, a, b * golden), shift) for a, b in signs for shift in range(3)]
-    corners = np.array(rows) / math.hypot(1.0, golden)
-    triangles = corners[scipy.spatial.ConvexHull(corners).simplices]
-    shares = [(i, j, parts - i - j) for i in range(parts + 1) for j in range(parts + 1 - i)]
-    points = (np.array(shares, dtype=float) / parts @ triangles).reshape(-1, 3)
-    points /= np.linalg.norm(points, axis=1)[:, None]
-    return points[np.unique(points.round(9), axis=0, return_index=True)[1]]

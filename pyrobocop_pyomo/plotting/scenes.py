@@ -19,6 +19,7 @@ import numpy as np
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope
 from pyrobocop_pyomo.geometry.polyhedra import EmptyInterior, affine_basis, affine_rank, convex_hull, corners_of
+from pyrobocop_pyomo.geometry.polytope import on_unit_ball
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.optional_imports import animation, art3d, matplotlib
@@ -26,9 +27,6 @@ from pyrobocop_pyomo.optional_imports import animation, art3d, matplotlib
 from .figures import evenly_moved, figure_or_new, time_colours
 
 # ------------------------------------------------------------------------------------------------------------- outlines
-
-
-_CORNERS_OF_A_CIRCLE = 48
 
 
 def outline(shape: Any, view: Array | None = None) -> Array:
@@ -119,15 +117,7 @@ def padded(points: Array, radius: float) -> Array:
 
 
 def _unit_ball(dimension: int) -> Array:
-    """Points (k, d) of the unit circle or the unit sphere."""
-    angle = np.linspace(0, 2 * np.pi, _CORNERS_OF_A_CIRCLE, endpoint=False)
-    circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    if dimension == 2:
-        return circle
-    height = np.linspace(-np.pi / 2, np.pi / 2, 9)[:, None, None]
-    few = circle[::3]
-    ring = np.concatenate([np.cos(height) * few, np.broadcast_to(np.sin(height), (9, len(few), 1))], axis=-1)
-    return ring.reshape(-1, 3)
+    return on_unit_ball(dimension, 48 if dimension == 2 else 160)
 
 
 def _frame(view: Array | None, points: Array) -> Array:
