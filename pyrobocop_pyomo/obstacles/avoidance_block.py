@@ -284,7 +284,7 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
         self.first_shape = Constraint(AnyIndex, doc="corners of the first shape: beyond the plane by what is required")
         self.second_shape = Constraint(AnyIndex, doc="corners of the second shape: behind the plane")
         self.unit = Constraint(AnyIndex, doc="length of the normal")
-        check_rules(self._what, self.motion, record.scene.bodies, between=record.per_interval)
+        check_rules(self._what, self.motion, record.scene.bodies)
         self._separate()
 
     def _separate(self, *, starts_next: bool = False) -> None:

@@ -45,7 +45,7 @@ ROUNDING_PER_TOLERANCE = 0.02
 # ------------------------------------------------------------------------------------------ rules that are being stated
 
 
-def check_rules(label: str, motion: Motion, bodies: Mapping[str, Body], *, between: bool = True) -> None:
+def check_rules(label: str, motion: Motion, bodies: Mapping[str, Body]) -> None:
     """Check the pose rules of a block that is being stated.
 
     Parameters
@@ -54,9 +54,6 @@ def check_rules(label: str, motion: Motion, bodies: Mapping[str, Body], *, betwe
         Name of the block in messages.
     motion : Motion
     bodies : mapping of name to Body
-    between : bool
-        Whether the rows are about the motion between the nodes. Rows of single points can be stated with rules that
-        cannot be asked elsewhere; what can be asked is checked.
 
     Raises
     ------
@@ -67,12 +64,7 @@ def check_rules(label: str, motion: Motion, bodies: Mapping[str, Body], *, betwe
     for name, body in bodies.items():
         if body.pose is None:
             continue
-        try:
-            formulas = pose_along(motion, body.pose, name).followed(early=True)
-        except ObstacleError:
-            if between:
-                raise
-            continue
+        formulas = pose_along(motion, body.pose, name).followed(early=True)
         if not formulas.slots:
             LOGGER.warning(
                 "%s: the pose of '%s' reads neither a variable nor time: it stands still. If it is meant to rest, give "
