@@ -424,13 +424,12 @@ def extents(normals: np.ndarray, ellipsoids: np.ndarray) -> np.ndarray:
 def on_unit_ball(dimension: int, count: int) -> np.ndarray:
     """So many points (count, d), evenly spread over the unit circle or along a spiral on the unit sphere."""
     if dimension == 2:
-        angles = 2.0 * math.pi * np.arange(count) / count
-        return np.column_stack([np.cos(angles), np.sin(angles)])
+        around = 2.0 * math.pi * np.arange(count) / count
+        return np.column_stack([np.cos(around), np.sin(around)])
     steps = np.arange(count) + 0.5
     angles, heights = math.pi * (1.0 + math.sqrt(5.0)) * steps, 1.0 - 2.0 * steps / count
-    return np.column_stack(
-        [np.sqrt(1.0 - heights**2)[:, None] * np.column_stack([np.cos(angles), np.sin(angles)]), heights]
-    )
+    widths = np.sqrt(1.0 - heights**2)
+    return np.column_stack([widths * np.cos(angles), widths * np.sin(angles), heights])
 
 
 def _frame_along(axis: Sequence[float], name: str) -> np.ndarray:
