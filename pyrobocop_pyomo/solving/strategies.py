@@ -256,8 +256,11 @@ def settings_of(choices: Choices) -> dict[str, Any]:
             raise ValueError(f"exploration = {strategy.exploration!r}; {expected}.")
     stated = {
         name: next((getattr(strategy, name) for strategy in chosen if getattr(strategy, name) is not None), default)
-        for name, default in (("relaxation", "scholtes"), ("grouping", "pair"), ("exploration", None))
+        for name, default in (("grouping", "pair"), ("exploration", None))
     }
+    # That of one of several is for its own runs only.
+    relaxation = chosen[0].relaxation if len(chosen) == 1 else None
+    stated["relaxation"] = "scholtes" if relaxation is None else relaxation
     strategies = None if are_open(chosen[0]) else tuple(chosen)
     return {"strategies": strategies, "polish": all(strategy.polish for strategy in chosen), **stated}
 

@@ -69,6 +69,12 @@ def test_each_strategy_alone_reaches_the_known_answer(name: str, strategy: str) 
     assert result.largest_natural_residual <= 1e-6
 
 
+@pytest.mark.casadi
+def test_each_of_several_strategies_has_its_own_relaxation() -> None:
+    result = rcp.solve(mpcc_problem("ralph2").build(), strategies=["barrier", "continuation", "elastic"])
+    assert (result.solved, result.strategy) == (True, "barrier")
+
+
 def test_an_unknown_strategy_is_refused() -> None:
     with pytest.raises(ValueError, match="unknown strategy 'stairs'. Known: 'barrier', 'continuation'"):
         rcp.solve(trap(), strategies=["barrier", "stairs"])
