@@ -292,29 +292,19 @@ def errors_naming(label: str) -> Iterator[None]:
 
 
 @dataclass(frozen=True, eq=False)
-class Signal:
+class Signal(PiecewisePolynomial):
     """Something that a rule reads along a motion, as a number.
 
     Attributes
     ----------
     at_nodes : mapping of node to float
         Its values at the nodes of the motion.
-    polynomial : PiecewisePolynomial
     component : Var or None
         What it is read from; None for the time.
     """
 
     at_nodes: Mapping[Any, float]
-    polynomial: PiecewisePolynomial
     component: Any = None
-
-    def values(self, interval: Indices, fraction: Array) -> Array:
-        """Values at local fractions of intervals, shape ``(m,)``."""
-        return self.polynomial.values(interval, fraction)
-
-    def taylor_form(self, interval: Indices, start: Array, end: Array) -> TaylorForm:
-        """Bounds on subintervals; derivatives are with respect to the local fraction."""
-        return self.polynomial.taylor_form(interval, start, end)
 
 
 class SignalFormulas:
@@ -429,12 +419,12 @@ class SignalFormulas:
                 of_values[key] = to_coefficients @ evaluation_matrix(fractions, points)
             coefficients.append(of_values[key] @ [_number(leaf, name) for leaf in leaves])
         component = parent_of(item_at(item, motion.intervals[0][0]))
-        return Signal(at_nodes, PiecewisePolynomial(np.array(coefficients)), component)
+        return Signal(np.array(coefficients), at_nodes, component)
 
     def _linear(self, at_nodes: Mapping[Any, float]) -> Signal:
         """What is linear on each interval, by its values at both ends."""
         ends = np.array([[at_nodes[nodes[0]], at_nodes[nodes[-1]]] for nodes in self._motion.intervals])
-        return Signal(at_nodes, PiecewisePolynomial(ends))
+        return Signal(ends, at_nodes)
 
 
 def _number(leaf: Any, name: str) -> float:

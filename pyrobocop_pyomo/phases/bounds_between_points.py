@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -203,28 +204,28 @@ def sides_stated(formulas: RuleFormulas, statement: Statement) -> dict[Hashable,
 # ---------------------------------------------------------------------------------------------- by bounds, in between
 
 
+@dataclass(frozen=True, eq=False)
 class PiecewisePolynomial:
     """One polynomial on each interval.
 
-    Parameters
+    Attributes
     ----------
     coefficients : array, shape (intervals, degree + 1)
         Of the Bernstein polynomials of the local fraction.
     """
 
-    def __init__(self, coefficients: Array) -> None:
-        self._coefficients = coefficients
+    coefficients: Array
 
     @cached_property
     def _orders(self) -> tuple[Array, Array, Array]:
         """Coefficients of the polynomials and of their first two derivatives."""
-        slope = derivative_coefficients(self._coefficients)
-        return self._coefficients, slope, derivative_coefficients(slope)
+        slope = derivative_coefficients(self.coefficients)
+        return self.coefficients, slope, derivative_coefficients(slope)
 
     def values(self, interval: Indices, fraction: Array) -> Array:
         """Values at local fractions of intervals, shape ``(m,)``."""
-        basis = bernstein_matrix(self._coefficients.shape[1] - 1, fraction)
-        return np.asarray((basis * self._coefficients[interval]).sum(axis=1), dtype=np.float64)
+        basis = bernstein_matrix(self.coefficients.shape[1] - 1, fraction)
+        return np.asarray((basis * self.coefficients[interval]).sum(axis=1), dtype=np.float64)
 
     def taylor_form(self, interval: Indices, start: Array, end: Array) -> TaylorForm:
         """Bounds on subintervals; derivatives are with respect to the local fraction."""

@@ -103,17 +103,6 @@ def shortened(path: Array, are_clear: AreClear, *, spacing: float, tries: int, g
         a, b = (np.array([np.interp(at, passed, column) for column in path.T]) for at in (first, last))
         if clear_length(a, b, are_clear, spacing) == 1.0:
             path = np.vstack([path[:i], a, b, path[j:]])
-    return _with_fewer_corners(path, are_clear, spacing)
-
-
-def _with_fewer_corners(path: Array, are_clear: AreClear, spacing: float) -> Array:
-    """Leave out corners one after the other, wherever the line past them is clear."""
-    k = 1
-    while k < len(path) - 1:
-        if clear_length(path[k - 1], path[k + 1], are_clear, spacing) == 1.0:
-            path, k = np.delete(path, k, axis=0), max(k - 1, 1)
-        else:
-            k += 1
     return path
 
 
