@@ -38,7 +38,6 @@ from .broad_phase import (
     apply_broad_phase,
     is_on,
     near_segments,
-    near_the_motion,
     places_of,
     swept_distances,
 )
@@ -422,11 +421,8 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
             set_start_values(self, Snapshot(record, self._what), (left, right), known)
         return left.index, right.index
 
-    def restore_near(self, missed: Iterable[tuple[str, str, Hashable]]) -> list[SeparationIndex]:
-        """Add separations that the broad phase left out and that were missed, and others that the motion is near to.
-
-        What comes back is never left out again. Beyond the missed ones that is for the broad phase that is on by
-        itself to choose: everything within a reach that grows with each call.
+    def restore(self, missed: Iterable[tuple[str, str, Hashable]]) -> list[SeparationIndex]:
+        """Add separations that the broad phase left out and that were missed; they are never left out again.
 
         Parameters
         ----------
@@ -438,16 +434,14 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
         list of indices
             Of the separations added; empty where none of the missed ones were left out.
         """
-        record, snapshot = self.record, Snapshot(self.record, self._what)
-        left_out = places_of(record.pruned.values())
-        asked = [segment for place in dict.fromkeys(missed) for segment in left_out.get(place, ())]
-        added = near_the_motion(snapshot, asked)
+        record, left_out = self.record, places_of(self.record.pruned.values())
+        added = [segment for place in dict.fromkeys(missed) for segment in left_out.get(place, ())]
         record.pinned.update(segment.index for segment in added)
         if added:
             units = record.scene.unit_directions(self._what, record.directions)
             with PauseGC():
                 add_back(self, record, added)
-                set_start_values(self, snapshot, added, units)
+                set_start_values(self, Snapshot(record, self._what), added, units)
         return [segment.index for segment in added]
 
     def set_margin(self, first: str, second: str, start: Hashable, margin: float) -> None:
@@ -507,8 +501,8 @@ class ObstacleAvoidanceBlock(MotionBlock, data=ObstacleAvoidanceBlockData):
         point on its own.
     broad_phase : float, "auto" or None
         Body pairs that are farther apart than this at the initial guess are left out, interval by interval. `verify`
-        checks all, and `solve` brings back what the plan comes near to. By default the length follows from the scene
-        and grows whenever a pair comes back; scenes with few separations keep all. None leaves nothing out.
+        checks all, and `solve` brings back what the plan comes too near to. By default the length follows from the
+        scene; scenes with few separations keep all. None leaves nothing out.
     equations : bool
         Whether the motion that the equations make of the plan's controls keeps clear as well, on a finer mesh where
         `solve` has to. False for robots whose controller tracks the polynomials of the plan: it is proven clear, and

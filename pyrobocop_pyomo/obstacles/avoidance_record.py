@@ -102,8 +102,6 @@ class AvoidanceRecord:
         Expressions of the poses, shared by all body pairs; the time is None for a body that rests.
     norm_now : str
         The norm that the rows have.
-    reach : float
-        Up to which distance a broad phase that is on by itself has looked so far.
     overlapping : dict of pair of parts to int
         Number of segments on which they overlapped when start values were set last.
     asked : dict of body pair to clearance
@@ -122,7 +120,6 @@ class AvoidanceRecord:
     directions: dict[BodyPair, Any] = field(default_factory=dict)
     poses: dict[tuple[str, Hashable], Pose] = field(default_factory=dict)
     norm_now: str = "ball"
-    reach: float = 0.0
     overlapping: dict[tuple[str, str], int] = field(default_factory=dict)
     asked: dict[BodyPair, Any] = field(default_factory=dict)
     lengths: dict[tuple[str, str, Hashable], Any] = field(default_factory=dict)

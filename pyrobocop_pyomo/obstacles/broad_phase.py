@@ -17,15 +17,12 @@ from pyrobocop_pyomo.numerics import Array, BoolArray
 from pyrobocop_pyomo.optional_imports import scipy
 
 from .avoidance_record import AvoidanceRecord, MotionSegment, Snapshot
-from .scene import SeparationIndex
 from .separation_rows import add_separation, remove_separations
 
 # With so few separations the broad phase that is on by itself leaves none out.
 KEPT_ANYWAY = 200
 # A model with more separations than this is not built before its motion has an initial guess.
 BUILT_WITHOUT_GUESS = 2000
-# The reach grows by this factor whenever a pair comes back that was left out.
-GROWTH = 1.5
 # Share of all intervals by which a plan may be earlier or later at a place than the initial guess.
 EARLIER_OR_LATER = 0.04
 
@@ -55,7 +52,7 @@ def near_segments(snapshot: Snapshot, segments: Sequence[MotionSegment]) -> Bool
         return ~(distances > float(record.broad_phase or 0.0))
     deepest = float(np.maximum(-distances[np.isfinite(distances)], 0.0).max(initial=0.0))
     # Whoever leaves an overlap on its other side goes farther than its depth, and by its own size past the neighbours.
-    return _earlier_or_later(record, segments, distances, max(record.reach, least_reach(record) + deepest))
+    return _earlier_or_later(record, segments, distances, least_reach(record) + deepest)
 
 
 def least_reach(record: AvoidanceRecord) -> float:
@@ -103,22 +100,6 @@ def add_back(block: Any, record: AvoidanceRecord, segments: Sequence[MotionSegme
     for segment in segments:
         del record.pruned[segment.index]
         add_separation(block, record, segment)
-
-
-def near_the_motion(snapshot: Snapshot, asked: Sequence[MotionSegment]) -> list[MotionSegment]:
-    """What comes back together with separations that were missed: all that is near the motion, in a growing reach.
-
-    One pair that was missed is seldom alone: the plan has gone where nothing was looked at. Only a broad phase that is
-    on by itself may choose what else comes back.
-    """
-    record = snapshot.record
-    found: dict[SeparationIndex, MotionSegment] = {segment.index: segment for segment in asked}
-    if record.broad_phase == "auto" and asked:
-        record.reach = GROWTH * max(record.reach, least_reach(record))
-        left_out = list(record.pruned.values())
-        near = _earlier_or_later(record, left_out, swept_distances(snapshot, left_out)[0], record.reach)
-        found.update({left_out[k].index: left_out[k] for k in np.flatnonzero(near).tolist()})
-    return list(found.values())
 
 
 def ran_through_what_was_left_out(block: Any, report: SafetyReport) -> bool:

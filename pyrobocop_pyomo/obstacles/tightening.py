@@ -59,7 +59,7 @@ def _tighten_separations(block: Any, report: SafetyReport, *, split: bool) -> di
     for pair, k in places:
         # Separations of single times cannot be tightened for the motion in between: those left out are restored.
         missed += [(pair.first, pair.second, place) for place in ((k,) if per_interval else motion.intervals[k])]
-    done = {"separations restored": len(block.restore_near(missed)), "margins raised": 0, "separations split": 0}
+    done = {"separations restored": len(block.restore(missed)), "margins raised": 0, "separations split": 0}
     for pair, interval in places:
         for segment in present.get((pair.first, pair.second, interval), ()):
             more = MISSING_FACTOR if split else 1.0  # margins make paths longer: the least is tried first

@@ -57,12 +57,12 @@ def test_broad_phase_leaves_out_what_is_far_and_brings_it_back():
         shape = FAR[segment.second]
         assert min(exact(m.move, ARROW, shape, segment.times)) > 2.0
     assert len(record.segments) + len(record.pruned) == 2 * 4
-    (index,) = avoid.restore_near([("arrow", "far", 2)])
+    (index,) = avoid.restore([("arrow", "far", 2)])
     assert index == ("arrow", "far", m.move.grid.mesh.boundaries[2])
     assert avoid.separation_gaps()[index] > 2.0
     avoid.initialize()
     assert index in avoid.separations
-    assert avoid.restore_near([("arrow", "far", 2)]) == []
+    assert avoid.restore([("arrow", "far", 2)]) == []
     # All body pairs are checked, those left out as well.
     assert {(pair.first, pair.second) for pair in avoid.verify().body_pairs} == {("arrow", "near"), ("arrow", "far")}
 
