@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property
 from numbers import Real
 from typing import Any
 
@@ -298,7 +298,7 @@ class Polytope(Presented):
         if self.ellipsoids is None:
             return self
         unit = on_unit_ball(self.dimension, 16 if self.dimension == 2 else 50)
-        unit *= (1.0 + ROUNDING) / float(-scipy.spatial.ConvexHull(unit).equations[:, -1].max())
+        unit = unit * (1.0 + ROUNDING) / float(-scipy.spatial.ConvexHull(unit).equations[:, -1].max())
         share = float(np.linalg.norm(unit, axis=1).max())
         around = Polytope.hull(self.images(unit), radius=self.radius, name=self.name)
         return replace(around, excess=(share - 1.0) * float(np.linalg.norm(self.ellipsoids, 2, axis=(1, 2)).max()))
@@ -411,8 +411,7 @@ def _on_circle(corners: int, name: str, label: str) -> np.ndarray:
     """Corners (k, 2) of a regular polygon in the unit circle, the first one on the x axis."""
     if not isinstance(corners, (int, np.integer)) or corners < 3:
         raise ObstacleError(f"'{name}': {corners!r} {label}; expected a whole number, 3 or more.")
-    angles = 2.0 * math.pi * np.arange(corners) / corners
-    return np.column_stack([np.cos(angles), np.sin(angles)])
+    return on_unit_ball(2, corners)
 
 
 def extents(normals: np.ndarray, ellipsoids: np.ndarray) -> np.ndarray:
@@ -420,16 +419,15 @@ def extents(normals: np.ndarray, ellipsoids: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.norm(np.einsum("...d,...vdc->...vc", normals, ellipsoids), axis=-1))
 
 
-@cache
 def on_unit_ball(dimension: int, count: int) -> np.ndarray:
-    """So many points (count, d), evenly spread over the unit circle or along a spiral on the unit sphere."""
+    """So many points (count, d), evenly spread over the unit circle from the x axis on, or along a spiral on a sphere."""
     if dimension == 2:
-        around = 2.0 * math.pi * np.arange(count) / count
-        return np.column_stack([np.cos(around), np.sin(around)])
+        turns = 2.0 * math.pi * np.arange(count) / count
+        return np.column_stack([np.cos(turns), np.sin(turns)])
     steps = np.arange(count) + 0.5
-    angles, heights = math.pi * (1.0 + math.sqrt(5.0)) * steps, 1.0 - 2.0 * steps / count
+    spiral, heights = math.pi * (1.0 + math.sqrt(5.0)) * steps, 1.0 - 2.0 * steps / count
     widths = np.sqrt(1.0 - heights**2)
-    return np.column_stack([widths * np.cos(angles), widths * np.sin(angles), heights])
+    return np.column_stack([widths * np.cos(spiral), widths * np.sin(spiral), heights])
 
 
 def _frame_along(axis: Sequence[float], name: str) -> np.ndarray:
