@@ -420,7 +420,7 @@ def extents(normals: np.ndarray, ellipsoids: np.ndarray) -> np.ndarray:
 
 
 def on_unit_ball(dimension: int, count: int) -> np.ndarray:
-    """So many points (count, d), evenly spread over the unit circle from the x axis on, or along a spiral on a sphere."""
+    """So many points (count, d), evenly over the unit circle from the x axis on, or on a spiral on a sphere."""
     if dimension == 2:
         turns = 2.0 * math.pi * np.arange(count) / count
         return np.column_stack([np.cos(turns), np.sin(turns)])
