@@ -136,7 +136,6 @@ def form_of(
     if choices[1] == ANY_SIGN:
         return _any_sign(a, b, source)
     if a.bounds == b.bounds == 1:
-        _refuse_contradiction(a, b, source)
         pair = CanonicalPair(source, *_columns(_only(a), _only(b)))
         return CanonicalForm(source, (pair,))
     bounded, other = (b, a) if second.__class__ is EqualityExpression or a.bounds < b.bounds else (a, b)
@@ -241,24 +240,3 @@ def _refuse_crossed(side: ParsedSide, source: Any) -> None:
             f"'{source.name}': side '{side.given}' lies between the bounds {lower:g} and {upper:g}, which contradict "
             "each other. Exchange or correct them."
         )
-
-
-def _refuse_contradiction(a: ParsedSide, b: ParsedSide, source: Any) -> None:
-    """Refuse a side that the own constant bounds of its variable make impossible."""
-    for side in (a, b):
-        if _farthest(side) < 0:
-            raise ComplementarityError(
-                f"'{source.name}': side '{side.given}' contradicts the bounds of '{side.body}', "
-                f"{side.body.lower} and {side.body.upper}. Correct one of them."
-            )
-
-
-def _farthest(side: ParsedSide) -> float:
-    """Largest distance to the stated bound that constants leave to a plain variable; 0 if unknown."""
-    if side.own is None or side.is_variable:
-        return 0
-    below = side.lower is not None
-    end, bound = side.own[below], side.lower if below else side.upper
-    if end.__class__ not in native_numeric_types or bound.__class__ not in native_numeric_types:
-        return 0  # there is no end, or a parameter may move
-    return end - bound if below else bound - end

@@ -35,29 +35,6 @@ from .linearised_rows import Equations, equilibrate
 FREE_AN_END = "Remove an equation, or free an initial or final value."
 
 
-def appearance_findings(block: Any) -> Iterator[Finding]:
-    """Variables in no row, pair or objective, beside controls and algebraics, which `PhaseBlock.check` looks for."""
-    kinds = (Constraint, Objective, *PAIR_TYPES)
-    rows = block.model().component_data_objects(kinds, active=True, descend_into=Block)
-    seen = variables_in_any(chain.from_iterable(map(sides_of, rows)))
-    signals = (
-        (phase, phase.record.nodes(name)) for phase in phases_of(block) for name in phase.record.names_of_signals
-    )
-    checked = {id(phase.component(nodes.component)) for phase, nodes in signals}
-    lost = [
-        data
-        for data in block.component_data_objects(Var, active=True, descend_into=Block)
-        if not (id(data) in seen or data.fixed or id(data.parent_component()) in checked)
-    ]
-    if lost:
-        yield warning_about(
-            f"{len(lost)} variables are in no active row, pair or objective, for example '{lost[0].name}': their "
-            "values come back as they are.",
-            (data.parent_component().name for data in lost),
-            "Use them, fix them or remove them.",
-        )
-
-
 def freedom_findings(block: Any, equations: Equations, without: str) -> Iterator[Finding]:
     """Variables that no equation and no pair is left for, in a model without an objective that could choose them.
 

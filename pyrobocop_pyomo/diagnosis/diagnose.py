@@ -14,7 +14,6 @@ from pyrobocop_pyomo.phases import phases_of
 from pyrobocop_pyomo.phases.structure import HIGHER_INDEX_REMEDY, PointStructure, describe_higher_index
 
 from .determinacy import (
-    appearance_findings,
     dependence_findings,
     excess_findings,
     freedom_findings,
@@ -82,7 +81,7 @@ def diagnose(model: Any) -> Diagnosis:
     missing = sorted({data.parent_component().name for data in variables if data.value is None})
     if missing:
         remarks.append(f"rows that hold a variable without a value: {', '.join(missing)}")
-    findings += [*undefined_findings(model), *decided_findings(model), *appearance_findings(model)]
+    findings += [*undefined_findings(model), *decided_findings(model)]
     findings += [*excess_findings(model, equations)] or [*dependence_findings(model, equations)]
     findings += unit_findings(model)
     counted = phases if len(phases) == 1 and phases[0] is model else [*phases, model]

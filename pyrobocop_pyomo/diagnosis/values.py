@@ -94,8 +94,8 @@ def _expressions(model: Any) -> Iterator[tuple[str, str, Any]]:
             # Of a row that stands for sides of pairs while these are relaxed, the first of them.
             pairs = [data] if data.ctype in PAIR_TYPES else sources_of(data)
             place = f"a side of {place_in_words(pairs[0])}" if pairs else place_in_words(data)
-            for side in (data.body,) if data.ctype is Constraint else sides_of(data):
-                yield component.name, place, side
+            sides = data.to_bounded_expression() if data.ctype is Constraint else sides_of(data)
+            yield from ((component.name, place, side) for side in sides if side is not None)
 
 
 def undefined_findings(block: Any) -> Iterator[Finding]:

@@ -11,8 +11,7 @@ from zlib import crc32
 
 from pyomo.common.collections import ComponentMap
 from pyomo.core.base.param import Param
-from pyomo.core.base.var import Var, VarData
-from pyomo.core.staleflag import StaleFlagManager
+from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.errors import ModelError
 
@@ -85,31 +84,10 @@ class VariableValues:
                 variable.stale = stale
 
 
-def put_values(variables: Sequence[Any], values: Sequence[float | None], *, flag: int | None = None) -> None:
-    """Give each variable its value, as ``set_value(number, skip_validation=True)`` does.
-
-    Parameters
-    ----------
-    variables : sequence of VarData
-    values : sequence of float or None
-        As many Python numbers, without units.
-    flag : int, optional
-        What marks a value as fresh, where it is the same for all variables because all were marked as stale just
-        before; no value is None then.
-    """
-    classes: set[Any] = set(map(type, variables))
-    if any(cls.set_value is not VarData.set_value for cls in classes):
-        for variable, number in zip(variables, values, strict=True):
-            variable.set_value(number, skip_validation=True)
-        return
-    # What set_value does with a plain number; the checks around it take ten times as long.
-    if flag is not None:
-        for variable, number in zip(variables, values, strict=True):
-            variable._value, variable._stale = number, flag
-        return
+def put_values(variables: Iterable[Any], values: Iterable[float | None]) -> None:
+    """Give each variable its value; they may violate bounds by a solver's tolerance."""
     for variable, number in zip(variables, values, strict=True):
-        variable._value = number
-        variable._stale = 0 if number is None else StaleFlagManager.get_flag(variable._stale)
+        variable.set_value(number, skip_validation=True)
 
 
 def checksum(numbers: Iterable[Any]) -> int:

@@ -104,9 +104,6 @@ class AslProgram:
         self.jacobian_structure = (jacobian[0] - 1, jacobian[1] - 1)  # the interface counts from one
         # ASL stores the upper triangle by rows; mirrored it is the lower one.
         self.hessian_structure = (hessian.max(axis=0) - 1, hessian.min(axis=0) - 1)
-        # The point that ASL knows, and what was evaluated there.
-        self._at: FloatArray | None = None
-        self._evaluated: set[str] = set()
 
     def objective(self, x: FloatArray) -> float:
         """Value of f."""
@@ -115,7 +112,7 @@ class AslProgram:
     def gradient(self, x: FloatArray) -> FloatArray:
         """Gradient of f."""
         # Without the value at this very point ASL has no error to return, and ends the process instead.
-        self._evaluate("objective", x)
+        self.objective(x)
         return self._asked("gradient", self._asl.eval_deriv_f, x, np.empty(self.n))
 
     def constraints(self, x: FloatArray) -> FloatArray:
@@ -124,7 +121,7 @@ class AslProgram:
 
     def jacobian(self, x: FloatArray) -> FloatArray:
         """Values of the Jacobian of g."""
-        self._evaluate("constraints", x)
+        self.constraints(x)
         return self._asked("jacobian", self._asl.eval_jac_g, x, np.empty(self.jacobian_structure[0].size))
 
     def hessian(self, x: FloatArray, objective_factor: float, multipliers: FloatArray) -> FloatArray:
@@ -156,29 +153,15 @@ class AslProgram:
             self._evaluate_derivatives(x)
 
     def _evaluate_derivatives(self, x: FloatArray) -> None:
-        for name in ("objective", "constraints", "gradient", "jacobian"):
-            self._evaluate(name, x)  # known already where Ipopt has just asked for it
-
-    def _evaluate(self, name: str, x: FloatArray) -> None:
-        """Evaluate at a point what was not evaluated there last."""
-        self._move_to(x)
-        if name not in self._evaluated:
-            getattr(self, name)(x)
-
-    def _move_to(self, x: FloatArray) -> None:
-        """Forget what was evaluated elsewhere: ASL knows one point only, and has its values at no other one."""
-        if self._at is None or not np.array_equal(self._at, x):
-            self._at, self._evaluated = x.copy(), set()
+        self.gradient(x)
+        self.jacobian(x)
 
     def _asked(self, name: str, function: Callable[..., Any], x: FloatArray, *filled: FloatArray) -> FloatArray:
         """The array that a function of ASL fills, or what it returns; its own errors are arithmetic ones."""
-        self._move_to(x)
-        self._evaluated.discard(name)
         try:
             value = function(x, *filled)
         except ArithmeticError as error:
             raise EvaluationError(f"ASL cannot evaluate the {name}: {error}") from None
-        self._evaluated.add(name)
         return finite(filled[0] if filled else np.array(value), "ASL", name)
 
 

@@ -235,7 +235,7 @@ class CompiledModel:
         """Put a point into the model's variables; all others become stale, as after any solve."""
         StaleFlagManager.mark_all_as_stale()
         # A point of an interior method may violate a bound by its tolerance: no reason to refuse it.
-        put_values(self.variables, np.asarray(x, dtype=float).tolist(), flag=StaleFlagManager.get_flag(0))
+        put_values(self.variables, np.asarray(x, dtype=float).tolist())
         StaleFlagManager.mark_all_as_stale(delayed=True)
 
 

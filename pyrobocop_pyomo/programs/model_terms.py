@@ -20,7 +20,7 @@ from pyomo.core.base.objective import ObjectiveData
 from pyomo.core.base.set import Any as AnyIndex
 from pyomo.core.base.var import Var, VarData
 from pyomo.core.expr.numeric_expr import ExternalFunctionExpression, MonomialTermExpression
-from pyomo.core.expr.numvalue import NumericValue, native_numeric_types
+from pyomo.core.expr.numvalue import native_numeric_types
 
 from pyrobocop_pyomo.complementarity.preconditions import only_objective
 from pyrobocop_pyomo.errors import ModelError
@@ -63,38 +63,14 @@ class FunctionCall:
     inputs: list[VarData] = field(default_factory=list)
 
 
-class ConstantCall(NumericValue):
-    """An output of a function whose arguments hold no free variable: a parameter of the program.
-
-    Parameters
-    ----------
-    node : ExternalFunctionExpression
-    """
-
-    __slots__ = ("_node",)
-
-    def __init__(self, node: Any) -> None:
-        self._node = node
-
-    @property
-    def value(self) -> float:
-        """The function at the current values of parameters and fixed variables."""
-        # Asked of the function itself: Pyomo's `value` would log an error before this package says what to do about it.
-        return float(self._node._fcn.evaluate(self._node.args))
-
-
 class FunctionCalls(NodesOnce):
     """All different calls that a walk over a model has met; those with the same arguments are one.
 
-    What is found at an expression is the level that a call of it has, in a tuple, which no number is; None where
-    nothing in it is free.
+    What is found at an expression is the level that a call of it has, in a tuple, which no number is.
 
     Attributes
     ----------
     calls : list of FunctionCall
-        Those that depend on free variables.
-    given : list
-        Fixed variables and parameters that arguments hold.
     held : list of VarData
         What stands for arguments, in the order of the rows that tie them.
     """
@@ -102,18 +78,13 @@ class FunctionCalls(NodesOnce):
     def __init__(self) -> None:
         super().__init__()
         self.calls: list[FunctionCall] = []
-        self.given: list[Any] = []
         self.held: list[VarData] = []
-        self._different: dict[tuple[Any, ...], FunctionCall | None] = {}
-        self._constants: dict[int, ConstantCall] = {}
+        self._different: dict[tuple[Any, ...], FunctionCall] = {}
 
-    def replacement(self, node: Any) -> VarData | ConstantCall:
-        """What stands for a call: a variable, or a parameter where nothing in its arguments is free."""
+    def replacement(self, node: Any) -> VarData:
+        """The variable that stands for a call."""
         self.of(node)
-        call = self._different[_key(node)]
-        if call is None:
-            return self._constants.setdefault(id(node), ConstantCall(node))
-        output = node._fcn.index
+        call, output = self._different[_key(node)], node._fcn.index
         if output not in call.outputs:
             call.outputs[output] = self._new_variable(node._fcn.name)
             call.ties[output] = self.tie(call.outputs[output], node)
@@ -126,7 +97,7 @@ class FunctionCalls(NodesOnce):
 
     def tie(self, variable: VarData, stated: Any) -> ConstraintData:
         """A row that ties one of the variables to what it stands for."""
-        return new_row(self._components[1], variable.index(), variable == stated)
+        return new_row(self._components[1], variable.index(), variable - stated == 0.0)
 
     @cached_property
     def _components(self) -> tuple[Var, Constraint]:
@@ -147,26 +118,20 @@ class FunctionCalls(NodesOnce):
         """The calls, those of lower levels first."""
         return sorted(self.calls, key=attrgetter("level"))
 
-    def of_leaf(self, leaf: Any) -> tuple[int] | None:
-        """Level 0 for a free variable; what is fixed or a parameter is noted."""
-        if leaf.is_variable_type() and not leaf.fixed:
-            return (0,)
-        if not leaf.is_constant():
-            self.given.append(leaf)
-        return None
+    def of_leaf(self, leaf: Any) -> tuple[int]:
+        """Level 0."""
+        return (0,)
 
-    def of_operation(self, node: Any, found: list[Any]) -> tuple[int] | None:
+    def of_operation(self, node: Any, found: list[Any]) -> tuple[int]:
         """The highest level among the arguments, and one more for a call, which is known from then on."""
-        highest = max((each for each in found if each.__class__ is tuple), default=None)
+        highest: tuple[int] = max((each for each in found if each.__class__ is tuple), default=(0,))
         if not is_function_call(node):
             return highest
         key = _key(node)
         if key not in self._different:
-            self._different[key] = None
-            if highest is not None:
-                self._different[key] = new = FunctionCall(node._fcn.function, tuple(node._args_), *highest)
-                self.calls.append(new)
-        return None if highest is None else (highest[0] + 1,)
+            self._different[key] = new = FunctionCall(node._fcn.function, tuple(node._args_), *highest)
+            self.calls.append(new)
+        return (highest[0] + 1,)
 
 
 def _key(node: Any) -> tuple[Any, ...]:
@@ -432,8 +397,6 @@ def collect_terms(model: BlockData) -> ModelTerms:
             found.cost.named_expressions[id(objective)] = objective
         found.rows.group()
         found.cost.group()
-        for leaf in calls.given:
-            columns.of(leaf)  # also what only arguments hold may change, and is read again
         _add_arguments(found)
     check_variables(model, found.variables)
     return found

@@ -8,13 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from itertools import chain
-from operator import attrgetter, is_not
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 from pyomo.common.gc_manager import PauseGC
-from pyomo.common.numeric_types import native_numeric_types
 from pyomo.core.expr.numeric_expr import NegationExpression, SumExpression
 from pyomo.core.expr.numvalue import native_types
 
@@ -33,9 +31,6 @@ from .term_groups import Columns, NodeKinds, NonlinearTerm, TermGroup, TermGroup
 MANY_TERMS = 100
 
 _VALUE = attrgetter("value")
-# Behind Pyomo's properties, each of which takes a microsecond to find the tighter of the bound and the domain's.
-_GIVEN = tuple(map(attrgetter, ("_lb", "_ub", "_domain")))
-KNOWN_BOUNDS = {*native_numeric_types, type(None)}
 
 
 class RowValues:
@@ -184,26 +179,23 @@ class BoundArrays:
     def __init__(self, variables: Sequence[Any]) -> None:
         self._variables = variables
         self.lower, self.upper = np.empty(len(variables)), np.empty(len(variables))
-        self._given: list[list[Any]] = []
         self.read()
 
     def read(self) -> None:
-        """Read the bounds again, where one is another one than before or is an expression."""
-        given = [list(map(read, self._variables)) for read in _GIVEN]
-        stated = [
-            (variable, bound)
-            for bounds in given[:2]
-            for variable, bound in zip(self._variables, bounds, strict=True)
-            if bound.__class__ not in KNOWN_BOUNDS
-        ]
-        if self._given and not stated and not any(map(is_not, chain(*given), chain(*self._given))):
-            return
-        self._given = given
-        for variable, bound in stated:
-            number_in(bound, variable.name)  # Pyomo's own message would not say which variable it is
-        bounds = [variable.bounds for variable in self._variables]
+        """Read the bounds again."""
+        bounds = list(map(_bounds_of, self._variables))
         self.lower[:] = [-np.inf if lower is None else lower for lower, _ in bounds]
         self.upper[:] = [np.inf if upper is None else upper for _, upper in bounds]
+
+
+def _bounds_of(variable: Any) -> tuple[float | None, float | None]:
+    try:
+        found: tuple[float | None, float | None] = variable.bounds
+    except (ArithmeticError, ValueError, TypeError):
+        for bound in (variable.lower, variable.upper):
+            number_in(bound, variable.name)  # Pyomo's own message would not say which variable it is
+        raise
+    return found
 
 
 class VariableBounds:

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from pyomo.common.errors import InfeasibleConstraintException
+from pyomo.common.numeric_types import native_numeric_types
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.objective import Objective
 from pyomo.repn.plugins.nl_writer import TOL
@@ -26,7 +27,7 @@ from .asl_program import ASL_REMEDY
 from .model_checks import number_in
 from .model_terms import ModelTerms
 from .nonlinear_program import FloatArray, NonlinearProgram, Scales, finite
-from .row_values import KNOWN_BOUNDS, BoundArrays
+from .row_values import BoundArrays
 from .summed_terms import SummedTerms, SumsStructure, evaluation_library, place_hessians
 
 # ---------------------------------------------------------------------------------------------- numbers that may change
@@ -140,7 +141,8 @@ class ModelNumbers:
 
 def _row_bounds(bounds: list[Any], unbounded: float) -> tuple[FloatArray, list[tuple[int, Any]]]:
     """Bounds as an array, and those that are expressions with their places."""
-    changing = [(i, bound) for i, bound in enumerate(bounds) if bound.__class__ not in KNOWN_BOUNDS]
+    known = {*native_numeric_types, type(None)}
+    changing = [(i, bound) for i, bound in enumerate(bounds) if bound.__class__ not in known]
     numbers = [unbounded if bound is None else bound for bound in bounds]
     for i, _ in changing:
         numbers[i] = 0.0

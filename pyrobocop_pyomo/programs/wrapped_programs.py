@@ -81,12 +81,6 @@ class ShiftedRows(WrappedProgram):
         super().__init__(nlp)
         self.rows = np.asarray(rows, dtype=np.intp)
         self.base = np.broadcast_to(np.asarray(base, dtype=float), self.rows.shape)
-        outside = self.rows[(self.rows < 0) | (self.rows >= nlp.m)]
-        if outside.size:
-            raise IndexError(
-                f"row {outside[0]} cannot be shifted: the program has {nlp.m} rows, numbered from 0. "
-                "Take the numbers from CompiledModel.row_of."
-            )
         self._shifts = np.zeros(nlp.m)
         self.delta = float(self.base.max(initial=0.0))
 

@@ -65,7 +65,6 @@ PAIRS: dict[str, tuple[Callable[[Any], Any], str]] = {
     "equality against one bound": (lambda m: (m.free == 0, m.x[1] >= 0), "equality.*Make it a Constraint"),
     "bound that is a variable": (lambda m: (between(0, m.free, m.x[1]), m.box), "holds a variable.*Write two pairs"),
     "crossed range": (lambda m: (between(2, m.free, m.p), m.x[1] - 1), "bounds 2 and 1, which contradict"),
-    "side out of reach": (lambda m: (m.box >= 2, m.x[1] >= 0), "contradicts the bounds of 'box', 0 and 1. Correct"),
     "NaN bound": (lambda m: (m.free >= NAN, m.x[1] >= 0), "lower bound nan, which no value can meet. Give a finite"),
     "NaN coefficient": (
         lambda m: (NAN * m.free + m.x[1] >= 0, m.x[2] >= 0),

@@ -50,16 +50,16 @@ def test_nothing_is_changed(duration: Any) -> None:
 
 def test_the_report_begins_with_the_worst() -> None:
     m = pushing()
-    m.lost = pyo.Var(initialize=0)
+    m.switch = pyo.Constraint(expr=m.p.x[1.0] * m.p.u[1.0] == 0)
     m.second = pyo.Objective(expr=m.p.x[1.0])
     diagnosis = rcp.diagnose(m)
     assert [finding.severity for finding in diagnosis.findings] == [Severity.ERROR, Severity.WARNING]
     text = str(diagnosis)
     assert text.startswith("Diagnosis of 'pushing': 1 error, 1 other finding")
-    assert "19 degrees of freedom (10 in controls)" in text
+    assert "18 degrees of freedom (10 in controls)" in text
     assert "- error: 2 objectives are active: 'cost', 'second'." in text
-    assert "- warning: 1 variables" in text
-    assert diagnosis.findings[1].components == ("lost",)
+    assert "- warning: constraint 'switch' states that a product is zero" in text
+    assert diagnosis.findings[1].components == ("switch",)
     with pytest.raises(ModelError, match="'pushing': error: 2 objectives"):
         diagnosis.raise_for_errors()
     m.second.deactivate()

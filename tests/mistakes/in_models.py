@@ -137,10 +137,3 @@ def a_discrete_variable(b: Any, followed: bool) -> None:
 def a_complementary_side_with_two_bounds(b: Any, followed: bool) -> None:
     b.z = rcp.Algebraic(bounds=(0, None))
     b.complementarity(lambda b, t: rcp.complements(b.u[t] >= -1 if followed else b.u[t], b.z[t]), name="contact")
-
-
-@diagnosed("1 variables are in no active row.* example 'slack'", "slack", pushed)
-def a_variable_of_the_users_in_no_row(b: Any, followed: bool) -> None:
-    b.model().slack = pyo.Var(initialize=0)
-    if followed:
-        b.model().row = pyo.Constraint(expr=b.x[1.0] <= b.model().slack)

@@ -115,8 +115,6 @@ def test_a_shift_moves_the_marked_rows_and_nothing_else(derivatives):
     assert shifted.constraints(x) - nlp.constraints(x) == pytest.approx([0, 0.375, 0, 0.375][: nlp.m])
     assert shifted.jacobian(x) == pytest.approx(nlp.jacobian(x))
     assert shifted.hessian(x, 1.0, np.ones(nlp.m)) == pytest.approx(nlp.hessian(x, 1.0, np.ones(nlp.m)))
-    with pytest.raises(IndexError, match=r"row 4 cannot be shifted: the program has 4 rows"):
-        ShiftedRows(nlp, [4], 0.5)
 
 
 def test_the_source_of_derivatives_is_checked_by_name():
@@ -222,7 +220,7 @@ def test_a_number_that_does_not_exist_is_an_evaluation_error(derivatives, row):
     with pytest.raises(EvaluationError) as caught:
         CompiledModel(m, derivatives).nlp.constraints(np.array([0.5]))
     if derivatives != "vectorised":
-        assert str(caught.value).startswith("'row': ")
+        assert "in constraint 'row'" in str(caught.value)
     assert pyomo.repn.util.HALT_ON_EVALUATION_ERROR is False
 
 
