@@ -26,7 +26,6 @@ from pyrobocop_pyomo.templates.slots import Clock, Derivative, RateOf
 from pyrobocop_pyomo.templates.template import OverTime, Reading, Template, TimeTemplate, is_asked_for_all_times
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .coupled_phases import put_on_model
 from .declarations import (
     UNBOUNDED,
     Bounds,
@@ -43,7 +42,7 @@ from .families import OneOf, component_declarations, family_names, name_of
 from .horizon import add_horizon, checked_duration, make_mesh, real_time
 from .initial_guesses import set_guesses, set_straight_lines, set_trajectory
 from .nodes import InitialGuess
-from .phase_values import PhaseValues, expression_values, expressions_over_time
+from .phase_values import PhaseValues
 from .record import AT_BOUNDARIES, PhaseRecord, Statement
 from .reintegration import Reintegration, reintegrate
 from .remeshing import remesh_phases
@@ -551,11 +550,7 @@ class PhaseBlockData(BuiltBlockData):
         options = SimulationOptions(
             method=method, rtol=rtol, atol=atol, unknown=unknown, restitution=dict(restitution or {})
         )
-        found = simulate(self, controls or {}, initial or {}, options)
-        if not expressions_over_time(self):
-            return found
-        with put_on_model([(self, found)]):
-            return replace(found, expressions=expression_values(self))
+        return simulate(self, controls or {}, initial or {}, options)
 
     def remesh(self, mesh: Any) -> None:
         """Give the phase another mesh, in place; see `remesh_phases`, which takes several at once.

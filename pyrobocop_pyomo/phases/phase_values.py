@@ -229,5 +229,5 @@ def pairs_of_phase(phase: Any, grid: Grid) -> dict[str, Array]:
             for pair in canonical_form(data).pairs:
                 label = f"{name} ({pair.role})" if pair.role else name
                 sides = series.setdefault(label, np.full((2, len(grid.points)), np.nan))
-                sides[:, position[time]] = side_values(pair)
+                sides[:, position[time]] = side_values(pair, np.nan)
     return series

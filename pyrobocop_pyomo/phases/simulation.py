@@ -35,7 +35,7 @@ from .impacts import Impacts
 from .implicit_steps import RowStep, StepSystem
 from .instant_equations import known_equations
 from .nodes import InitialGuess, initial_number
-from .phase_values import PhaseValues, pairs_of_phase, read_values
+from .phase_values import PhaseValues, read_values
 from .record import PhaseRecord
 from .right_hand_sides import RightHandSides, TooManyEvaluations
 from .rule_formulas import RuleFormulas
@@ -101,12 +101,11 @@ def simulate(
                     run.reached,
                     run.trajectory(i) if i else None,
                 )
-        pairs = pairs_of_phase(block, record.grid) if run.contact else None
-        return run.trajectory(record.grid.mesh.elements, pairs)
+        return run.trajectory(record.grid.mesh.elements)
 
 
 class _Run:
-    """The values so far, over the times and points of the grid, and on the model.
+    """The values so far, on the model.
 
     Parameters
     ----------
@@ -144,7 +143,6 @@ class _Run:
             )
         implicit = set(names) - record.equation_of.keys()
         self._is_stepped = options.method == "scheme" or bool(self._unknown or implicit or record.discrete_states)
-        self._derivatives = {name: f"{name}_derivative" for name in names}
         self._values = PhaseValues(block)
         self._variables = self._values.variables
         for name in self._unknown:
@@ -153,8 +151,6 @@ class _Run:
                     f"phase '{block.name}': '{name}' has {len(self._variables[name])} values, and a simulation finds "
                     f"one at each of {len(record.grid.points)} points. Give it in controls={{...}}."
                 )
-        self._found = {name: np.full(len(record.grid.points), np.nan) for name in self._derivatives.values()}
-        self._found |= {name: np.full(len(of), np.nan) for name, of in self._variables.items()} | self._given
         self._ends = np.searchsorted(record.grid.times, record.grid.mesh.boundaries)
         # What unknowns were last, where the search for them starts.
         self._last = {
@@ -185,7 +181,7 @@ class _Run:
         """Take the formulas of the rules; of steps the rows at the points."""
         block, record = self._block, self._record
         if not self._is_stepped:
-            given = replace(self.trajectory(record.grid.mesh.elements), states={}, rates={})
+            given = replace(self._values.trajectory(self._known(), evaluate=False), states={}, rates={})
             formulas = RuleFormulas(block, self.grid, coupled_phases_of(block, self.grid))
             self._rates = rates = RightHandSides(formulas, given, known_equations(formulas, all_given=True))
             self._so_far = MotionSoFar(record.names_of_states, rates.past, self.reached, self._start)
@@ -272,8 +268,8 @@ class _Run:
         grid, names = self._record.grid, self._record.names_of_states
         stages = grid.stage_positions[i]
         shared = stages[: int(grid.elements_share_points and i > 0)]
-        found = [self._derivatives.get(name.removeprefix("d "), name) for name in self._rows[0].unknowns]
-        known = np.array([self._found[name][shared] for name in found]).reshape(len(found), len(shared))
+        unknowns = [[of.value for of in self._rows[k].unknowns.values()] for k in shared]
+        known = np.array(unknowns).reshape(len(shared), len(self._rows[0].unknowns)).T
         maps = np.array([share > 0.0 and name in self._record.discrete_states for name in names], dtype=bool)
         nodes = [self._variables[name][k] for k in grid.node_positions[i, 1:] for name in names]
         length, rows = share * float(self.grid.mesh.widths[i]), [self._rows[k] for k in stages]
@@ -285,29 +281,33 @@ class _Run:
         stages = grid.stage_positions[i]
         for j, name in enumerate(record.names_of_states):
             self._put(name, np.append(grid.node_positions[i], self._ends[i + 1]), np.append(nodes[:, j], end[j]))
-            self._put(self._derivatives[name], stages, rates[j])
+            self._put(f"{name}_derivative", stages, rates[j])
         for name, numbers in zip(self._unknown, unknowns, strict=True):
             self._put(name, stages, numbers)
         self._start = end
 
     def _put(self, name: str, positions: Any, numbers: Array) -> None:
-        self._found[name][positions] = numbers
         if name in self._variables:
             put_values([self._variables[name][k] for k in positions.tolist()], numbers.tolist())
 
-    def trajectory(self, elements: int, pairs: Mapping[str, Array] | None = None) -> Trajectory:
+    def _known(self) -> dict[str, Array]:
+        """The values so far; NaN for what has none yet."""
+        return {name: np.array([of.value for of in each], dtype=float) for name, each in self._variables.items()}
+
+    def trajectory(self, elements: int) -> Trajectory:
         """The first elements as a trajectory."""
-        whole = self._values.trajectory(self._found, evaluate=False)
-        grid = Grid(self.grid.scheme, Mesh(self.grid.mesh.boundaries[: elements + 1]))
-        points, names = len(grid.points), self._derivatives.keys() - self._record.discrete_states
+        whole = self._values.trajectory(self._known())
+        if elements == whole.grid.mesh.elements:
+            return whole
+        grid = Grid(whole.grid.scheme, Mesh(whole.grid.mesh.boundaries[: elements + 1]))
+        lengths = {len(whole.time): len(grid.times), len(whole.points): len(grid.points)}
+
+        def begun(values: Mapping[str, Array]) -> dict[str, Array]:
+            return {name: of[..., : lengths[of.shape[-1]]] for name, of in values.items()}
+
+        groups = ("states", "signals", "rates", "pairs", "expressions")
         return replace(
-            whole,
-            grid=grid,
-            states={name: values[: len(grid.times)] for name, values in whole.states.items()},
-            signals={name: values[:points] for name, values in whole.signals.items()},
-            pairs=pairs or {},
-            rates={name: self._found[self._derivatives[name]][:points] for name in whole.states if name in names},
-            piecewise_linear=whole.piecewise_linear if grid.mesh == self.grid.mesh else {},
+            whole, grid=grid, piecewise_linear={}, **{group: begun(getattr(whole, group)) for group in groups}
         )
 
 
