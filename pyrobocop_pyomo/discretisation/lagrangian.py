@@ -21,6 +21,7 @@ that they can meet.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -251,20 +252,21 @@ class PhaseLagrangian:
         scheme, widths = self._trajectory.grid.scheme, self._trajectory.grid.mesh.widths
         with np.errstate(all="ignore"):
             stages = _Instants(self, scheme.c)
-            rates = stages.rates() if scheme.starts_on_a_stage else {}
-            stages = _Instants(self, scheme.c, rates) if rates else stages
+            if scheme.starts_on_a_stage:
+                self._trajectory = replace(self._trajectory, rates=stages.rates_at_points())
+                stages = _Instants(self, scheme.c)
             # A far more exact rule than that of the mesh.
             points, weights = np.polynomial.legendre.leggauss(2 * scheme.stages + 2)
-            between, weights = _Instants(self, (points + 1.0) / 2.0, rates), weights / 2.0
+            between, weights = _Instants(self, (points + 1.0) / 2.0), weights / 2.0
             here = between.integrand({})
             exact = weights @ here
             if len(self._fractions) > SAMPLES + 1:  # a rule on each part on which it hardly changes with the time
                 points, shares = gauss_rule(self._fractions)
-                exact = shares @ _Instants(self, points, rates).integrand({})
+                exact = shares @ _Instants(self, points).integrand({})
             first = exact - scheme.b @ stages.integrand({})
             second = weights @ (here - between.least()) if self.free else np.zeros(len(widths))
             passed = between.passed()
-            second = second + self._kinks(between) / widths
+            second = second + self._kinks() / widths
             # Both parts may cancel, and do for schemes of Gauss; how well is known to leading order only.
             net = first - second
             parts = np.abs(first) + np.abs(second)
@@ -275,14 +277,14 @@ class PhaseLagrangian:
             raise TrajectoryError("The estimate has no finite value at some point between those of the mesh.")
         return widths * net, np.maximum(widths * bound, passed), passed
 
-    def _kinks(self, between: _Instants) -> Array:
+    def _kinks(self) -> Array:
         """What a bend over the shorter element beside each boundary saves where the motion has a kink, shape ``(N,)``.
 
         A slope that changes by `a` in one moment costs ``H_uu a^2 h / 12`` more than one that changes over `h`, and
         ``H_uu a`` is by how much the costate jumps. Where there is no kink both jumps, and their product, are small.
         """
         widths = np.array(self._trajectory.grid.mesh.widths)
-        ends = _Instants(self, np.array([0.0, 1.0]), between.rates_at_stages)
+        ends = _Instants(self, np.array([0.0, 1.0]))
         products = [
             (of[0, 1:] - of[1, :-1]) * (ends.slopes[name][0, 1:] - ends.slopes[name][1, :-1])
             for name, of in ends._costates.items()
@@ -298,13 +300,10 @@ class _Instants(ElementInstants):
     ----------
     phase : PhaseLagrangian
     fractions : array, shape (q,)
-    rates : mapping of state name to array, shape (s, N)
-        Derivatives at the stages, where the values of a state do not determine its polynomial.
     """
 
-    def __init__(self, phase: PhaseLagrangian, fractions: Array, rates: Mapping[str, Array] | None = None) -> None:
-        super().__init__(phase._formulas, phase._trajectory, fractions, rates)
-        self.rates_at_stages = rates
+    def __init__(self, phase: PhaseLagrangian, fractions: Array) -> None:
+        super().__init__(phase._formulas, phase._trajectory, fractions)
         self._of, multipliers = phase, phase._multipliers
         scheme, at_stages = phase._trajectory.grid.scheme, self.at_stages
         with_start = evaluation_matrix([0.0, *scheme.c], fractions) if multipliers.starts else at_stages
@@ -351,10 +350,12 @@ class _Instants(ElementInstants):
             found.append((shape + self.values[name], *(shape + side for side in self.bounds(name)), density))
         return found
 
-    def rates(self) -> dict[str, Array]:
-        """What the equations say of the derivatives."""
-        rates = self._of._rates
-        return dict(zip(rates, self.evaluated(list(rates.values()), self.values), strict=True))
+    def rates_at_points(self) -> dict[str, Array]:
+        """What the equations say of the derivatives, where the instants are the stages."""
+        rates, grid = self._of._rates, self._of._trajectory.grid
+        first = np.unique(grid.stage_positions, return_index=True)[1]
+        found = self.evaluated(list(rates.values()), self.values)
+        return {name: of.T.ravel()[first] for name, of in zip(rates, found, strict=True)}
 
     def integrand(self, given: Mapping[str, Array], *, apart: bool = False) -> Array:
         """The function of the module with some values replaced, in the sign of a minimum.

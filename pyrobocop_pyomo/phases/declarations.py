@@ -52,8 +52,6 @@ _DOMAIN_OF_CONTROL = "integer=(0, 1), with the values that it takes, or bounds=(
 class FunctionOfTime:
     """A history by a function of the time, which is called while the phase is built, as a rule is.
 
-    What it has said of a time is kept, and it is not called for that time again.
-
     Parameters
     ----------
     function : callable
@@ -62,7 +60,6 @@ class FunctionOfTime:
 
     def __init__(self, function: Callable[[float], Any]) -> None:
         self._template = Template(lambda block, t: function(t))
-        self._said: dict[float, Any] = {}
 
     def __repr__(self) -> str:
         return "a function of time"
@@ -74,17 +71,7 @@ class FunctionOfTime:
 
     def __call__(self, time: Any) -> Any:
         """What the function says of a time."""
-        if not self.is_asked_by_point:
-            return self._template(self, time)
-        # By the very time: beside a jump the one a hair earlier is another one.
-        if time not in self._said:
-            self._said[time] = self._template(self, time)
-        return self._said[time]
-
-    def known_time(self, time: float, slack: float) -> float | None:
-        """The time next to this one for which it has said something; None where there is none so near."""
-        nearest = min(self._said, key=lambda said: abs(said - time), default=math.inf)
-        return nearest if abs(nearest - time) <= slack else None
+        return self._template(self, time)
 
 
 @dataclass(frozen=True)

@@ -28,9 +28,6 @@ class ElementInstants:
         Of the rules that `evaluated` evaluates.
     trajectory : Trajectory
     fractions : array, shape (q,)
-    rates : mapping of state name to array, shape (s, N), optional
-        Derivatives at the stages, where the values of a state do not determine its polynomial; by default those of the
-        trajectory.
 
     Attributes
     ----------
@@ -41,12 +38,8 @@ class ElementInstants:
     slopes : dict of state name to array
     """
 
-    def __init__(
-        self, formulas: RuleFormulas, trajectory: Trajectory, fractions: Array, rates: Mapping[str, Array] | None = None
-    ) -> None:
+    def __init__(self, formulas: RuleFormulas, trajectory: Trajectory, fractions: Array) -> None:
         scheme, widths = trajectory.grid.scheme, np.array(trajectory.grid.mesh.widths)
-        if rates is None:
-            rates = {name: trajectory.element_rates(name).T for name in trajectory.rates if scheme.starts_on_a_stage}
         self._formulas, self.fractions = formulas, fractions
         self.at_stages = scheme.stage_polynomial_at(fractions)
         self.clock, self.index = (
@@ -58,9 +51,9 @@ class ElementInstants:
         self.values: dict[str, Any] = {name: of.T for name, of in values_in_elements(trajectory, fractions).items()}
         self.values |= trajectory.parameters
         self.slopes = {name: slopes @ of / widths for name, of in states.items()}
-        for name, at in rates.items():
-            self.values[name] = states[name][0] + widths * (scheme.increments_at(fractions) @ at)
-            self.slopes[name] = self.at_stages @ at
+        # Where a stage is at the start, the values of a state do not determine its polynomial.
+        for name in trajectory.rates if scheme.starts_on_a_stage else ():
+            self.slopes[name] = self.at_stages @ trajectory.element_rates(name).T
         self._past, self._widths, self._asked, self._others = past_of(trajectory), widths, 0, dict[int, Array]()
         self._starts = {name: np.zeros(self.index.shape) + of[0] for name, of in states.items()}
 

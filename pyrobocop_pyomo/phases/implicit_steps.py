@@ -23,7 +23,6 @@ from pyrobocop_pyomo.numerics.mixed_complementarity import (
     MixedComplementarity,
     solve_mixed_complementarity,
 )
-from pyrobocop_pyomo.trajectories import Trajectory
 
 from .right_hand_sides import RightHandSides
 from .step_equations import StepEquations, differences, stacked, values_by
@@ -377,39 +376,16 @@ def _sides(
     return np.bitwise_and.reduce(bits.reshape(pairs, len(bits) // max(pairs, 1)), axis=1)
 
 
-@dataclass(frozen=True)
-class Flows:
-    """What equations do over ``N`` elements with ``n`` states, at ``k`` fractions of each.
-
-    Attributes
-    ----------
-    fractions : array, shape (k,)
-    local : array, shape (N, k, n)
-        Each element from its own start.
-    whole : array, shape (N, k, n), or None
-        From the start of the first element on; None where that could not be followed, or left the finite numbers.
-    """
-
-    fractions: Array
-    local: Array
-    whole: Array | None
-
-    def at(self, fractions: Array) -> Flows:
-        """At some of the fractions."""
-        at = np.searchsorted(self.fractions, fractions)
-        return Flows(fractions, self.local[:, at], None if self.whole is None else self.whole[:, at])
-
-
-def stepped_flows(
-    rates: RightHandSides, trajectory: Trajectory, parts: Array, fractions: Array, scales: Array, first: Array
-) -> Flows:
-    """Every element from where the trajectory starts it, and the motion from the first start on.
+def stepped_motions(
+    rates: RightHandSides, starts: Array, parts: Array, fractions: Array, scales: Array, first: Array
+) -> tuple[Array, Array | None]:
+    """The motion of every element from its own start, and that from the first start on, by steps.
 
     Parameters
     ----------
     rates : RightHandSides
         With the unknowns left to the steps.
-    trajectory : Trajectory
+    starts : array, shape (n, N)
     parts : array
         Ends of the longest steps, from 0 to 1.
     fractions : array, shape (k,)
@@ -418,23 +394,29 @@ def stepped_flows(
     first : array, shape (n,)
         Where the whole motion starts.
 
+    Returns
+    -------
+    array, shape (n, N, k)
+        Each element from its own start.
+    array, shape (n, N, k), or None
+        From the first start on; None where that could not be followed, or left the finite numbers.
+
     Raises
     ------
     TrajectoryError
         When contacts cannot be followed.
     """
-    starts = np.array([trajectory.element_states(name)[:, 0] for name in trajectory.states]).T
-    tolerance, most_steps = 1e-6, 2000 + 10 * len(starts) * (len(parts) - 1)
+    tolerance, most_steps = 1e-6, 2000 + 10 * len(starts.T) * (len(parts) - 1)
     steps = ElementSteps(rates, scales, tolerance, most_steps)
     whole = [steps.through(0, first, parts, fractions)]
-    for i in range(1, len(starts)):
+    for i in range(1, len(starts.T)):
         whole.append(steps.through(i, whole[-1][-1], parts, fractions))
     local, steps = [], ElementSteps(rates, scales, tolerance, most_steps)
-    for i, start in enumerate(starts):
+    for i, start in enumerate(starts.T):
         if (np.abs(start - whole[i][0]) <= tolerance * scales).all():
             local.append(whole[i])
             continue
         steps.start_anew()
         local.append(steps.through(i, start, parts, fractions))
-    carried = np.array(whole)
-    return Flows(fractions, np.array(local), carried if np.isfinite(carried).all() else None)
+    carried = np.array(whole).transpose(2, 0, 1)
+    return np.array(local).transpose(2, 0, 1), carried if np.isfinite(carried).all() else None

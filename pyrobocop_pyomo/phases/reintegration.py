@@ -7,7 +7,7 @@ integration that knows nothing of the scheme.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field
 from typing import Any
@@ -26,7 +26,7 @@ from .coupled_phases import coupled_phases_of, put_on_model
 from .delays import MotionSoFar
 from .element_instants import ElementInstants
 from .families import guesses_by_component
-from .implicit_steps import Flows, stepped_flows
+from .implicit_steps import stepped_motions
 from .instant_equations import InstantEquations, known_equations, refuse_equations_beside
 from .record import PhaseRecord, Statement
 from .right_hand_sides import RightHandSides
@@ -157,23 +157,23 @@ def reintegrate(
         # Where rules change quickly with the time no step goes over one of these.
         parts = np.array([0.0, 1.0]) if len(instants) == SAMPLES + 1 else instants
         fractions = parts[[0, -1]] if ends_only and not rates.are_delayed else instants
+        places = np.union1d(fractions, integrals.nodes)
         try:
-            flows = _flows(rates, trajectory, parts, np.union1d(fractions, integrals.nodes), first, ends_only=ends_only)
+            local, whole = _motions(rates, trajectory, parts, places, first, ends_only=ends_only)
         except EvaluationError as error:
             raise TrajectoryError(f"phase '{block.name}': {error}") from error
-        if not np.isfinite(flows.local).all():
+        if not np.isfinite(local).all():
             # Where the equations have no value on the plan itself, no motion can be known.
             at = ElementInstants(formulas, trajectory, trajectory.grid.scheme.c)
             for statement in record.statements_of("ode") + record.statements_of("residual"):
                 at.values_stated(stated_formulas(formulas, statement), statement)
-        gained = integrals.over_elements(flows)
-    flows = flows.at(fractions)
-    planned = trajectory.element_polynomials(flows.fractions)
+        gained = integrals.over_elements(local[..., np.searchsorted(places, integrals.nodes)])
+    compared = np.searchsorted(places, fractions)
     return Reintegration(
-        fractions=flows.fractions,
-        planned={name: planned[name] for name in names},
-        local={name: flows.local[:, :, j] for j, name in enumerate(names)},
-        open_loop=None if flows.whole is None else {name: flows.whole[:, :, j] for j, name in enumerate(names)},
+        fractions=fractions,
+        planned=trajectory.element_polynomials(fractions),
+        local=dict(zip(names, local[..., compared], strict=True)),
+        open_loop=None if whole is None else dict(zip(names, whole[..., compared], strict=True)),
         contact=bool(equations.pairs),
         integrals=gained,
         remarks=tuple(integrals.remarks),
@@ -223,21 +223,21 @@ class _IntegralsAlongMotion:
         self._integrands.pop(name, None)
         self.remarks.append(f"integral {name}: not re-integrated. {why}")
 
-    def over_elements(self, flows: Flows) -> dict[str, tuple[Array, Array]]:
-        """As planned, and along the motion of each element."""
+    def over_elements(self, local: Array) -> dict[str, tuple[Array, Array]]:
+        """As planned, and along the motion of each element, whose states at `nodes` have the shape ``(n, N, q)``."""
         found: dict[str, tuple[Array, Array]] = {}
         if not self._integrands:
             return found
         scheme = self._trajectory.grid.scheme
-        planned = _planned(self._trajectory, self._formulas.record.names_of_states, scheme.c)[:, None]
-        moved = flows.at(self.nodes).local.transpose(2, 0, 1)[:, None]
+        polynomials = self._trajectory.element_polynomials(scheme.c)
+        planned = np.array([polynomials[name] for name in self._formulas.record.names_of_states])[:, None]
         for name, integrand in list(self._integrands.items()):
             try:
                 # What is delayed is that of the plan.
                 rates = RightHandSides(self._formulas, self._trajectory, self._equations, [integrand])
                 with np.errstate(all="ignore"):
                     of_mesh = rates.values([integrand], scheme.c, planned)[0, 0] @ scheme.b
-                    along = rates.values([integrand], self.nodes, moved)[0, 0] @ self._weights
+                    along = rates.values([integrand], self.nodes, local[:, None])[0, 0] @ self._weights
                 if not np.isfinite([of_mesh, along]).all():
                     raise TrajectoryError("It has no finite value on the plan, or on the motion that it leads to.")
                 found[name] = of_mesh, along
@@ -246,20 +246,16 @@ class _IntegralsAlongMotion:
         return found
 
 
-def _planned(trajectory: Trajectory, names: Sequence[str], fractions: Array) -> Array:
-    """The states of a plan at fractions of its elements, shape ``(n, N, q)``."""
-    polynomials = trajectory.element_polynomials(fractions)
-    return np.stack([polynomials[name] for name in names])
-
-
-def _flows(
+def _motions(
     rates: RightHandSides, trajectory: Trajectory, parts: Array, fractions: Array, first: Array, *, ends_only: bool
-) -> Flows:
+) -> tuple[Array, Array | None]:
+    """The motion of every element, and that from the first start on, as `stepped_motions` gives them."""
     names = [*trajectory.states]
     scales = SMALLEST_SCALE + np.abs(np.array([trajectory.states[name] for name in names])).max(axis=1)
+    starts = np.array([trajectory.element_states(name)[:, 0] for name in names])
     if rates.equations.needs_steps:
-        return stepped_flows(rates, trajectory, parts, fractions, scales, first)
-    motion, starts = _Motion(rates, parts, fractions, scales), _planned(trajectory, names, np.zeros(1))[:, :, 0]
+        return stepped_motions(rates, starts, parts, fractions, scales, first)
+    motion = _Motion(rates, parts, fractions, scales)
     local, whole = np.full((*starts.shape, len(fractions)), np.inf), None
     # What is delayed is that of the plan for single elements, and for the whole motion its own.
     with np.errstate(all="ignore"), nullcontext() if rates.are_delayed else suppress(ArithmeticError, ValueError):
@@ -272,7 +268,7 @@ def _flows(
         else:
             local, slopes = motion.with_slopes(starts)
             whole = motion.meeting(starts, local, slopes, first)
-    return Flows(fractions, local.transpose(1, 2, 0), None if whole is None else whole.transpose(1, 2, 0))
+    return local, whole
 
 
 class _Motion:

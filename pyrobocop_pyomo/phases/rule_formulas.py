@@ -55,11 +55,7 @@ def asked_by_point(phase: Any) -> str | None:
     found = next((each for each in record.rules if not each.rule.is_template(phase)), None)
     if found is not None:
         return _in_words(phase, found)
-    for name, declaration in record.declarations.items():
-        function = getattr(declaration, "history", None)
-        if isinstance(function, FunctionOfTime) and function.is_asked_by_point:
-            return _of_history(phase, name)
-    return None
+    return next((reason for name in record.declarations if (reason := _history_by_point(phase, name))), None)
 
 
 def refuse_asked_by_point(phase: Any, statement: Statement, *more: Any) -> None:
@@ -74,34 +70,13 @@ def refuse_asked_by_point(phase: Any, statement: Statement, *more: Any) -> None:
         raise TrajectoryError(_in_words(phase, statement))
 
 
-def known_history(phase: Any, name: str, times: Sequence[float], slack: float) -> list[float]:
-    """Times before the start, or those beside them for which a history by a function has said something.
-
-    Parameters
-    ----------
-    phase : PhaseBlock
-    name : str
-    times : sequence of float
-    slack : float
-        What may be between these.
-
-    Raises
-    ------
-    TrajectoryError
-        When the function has to know the time as a number, and was not asked for one of them.
-    """
-    history = getattr(phase.record.declarations[name], "history", None)
+def _history_by_point(phase: Any, name: str) -> str | None:
+    """Why what a name was before the start is not known at any time, in words; None where it is."""
+    declaration = phase.record.declarations[name]
+    history = getattr(declaration, "history", None)
     if not isinstance(history, FunctionOfTime) or not history.is_asked_by_point:
-        return list(times)
-    known = [said for time in times if (said := history.known_time(time, slack)) is not None]
-    if len(known) < len(times):
-        raise TrajectoryError(_of_history(phase, name))
-    return known
-
-
-def _of_history(phase: Any, name: str) -> str:
-    declared_at = phase.record.declarations[name].declared_at
-    return _reason(phase, f"the function for the history of '{name}' (declared at {declared_at})")
+        return None
+    return _reason(phase, f"the function for the history of '{name}' (declared at {declaration.declared_at})")
 
 
 def _in_words(phase: Any, statement: Statement) -> str:
@@ -222,6 +197,8 @@ class RuleFormulas:
             if home in self._coupled and component.local_name in home.record.declarations:
                 return self._scratch.beside[self._coupled.index(home), component.local_name]
         if isinstance(slot, Delayed) and component.parent_block() is self.block:
+            if (reason := _history_by_point(self.block, component.local_name)) is not None:
+                raise TrajectoryError(reason)
             number = delay_as_number(slot.rest[0], f"'{component.name}'")
             own = self._standing_for[id(component)]
             return self._scratch.delayed[component.local_name, number] if number else own
@@ -290,18 +267,13 @@ class RuleFormulas:
 
     # ---------------------------------------------------------------- what stands in place of the variables
 
-    def values(
-        self,
-        expressions: Sequence[Any],
-        leaves: Mapping[int, Any],
-        functions: Mapping[str, Callable[..., Any]] = ARRAY_FUNCTIONS,
-    ) -> list[Any]:
+    def values(self, expressions: Sequence[Any], leaves: Mapping[int, Any]) -> list[Any]:
         """Formulas with arrays, or numbers, in place of the variables, by their identities; their steps are kept."""
         key = tuple(map(id, expressions))
         if key not in self._steps:
             # The first keeps the ids.
             self._steps[key] = list(expressions), ExpressionSteps(expressions, refuse=self._no_formula)
-        return self._steps[key][1].evaluate_at(leaves, functions)
+        return self._steps[key][1].evaluate_at(leaves, ARRAY_FUNCTIONS)
 
     def _no_formula(self, node: Any, reason: str) -> TrajectoryError:
         return TrajectoryError(
@@ -390,7 +362,7 @@ class RuleFormulas:
             numbers = np.empty(times.shape)
             if not before.all():
                 numbers[~before] = past(name, earlier[~before])
-            asked = known_history(self.block, name, inside[before].tolist(), SAME_TIME * (end - start))
+            asked = inside[before].tolist()
             numbers[before] = [float(value(history_value(self.record, name, at, f"'{name}'", delay))) for at in asked]
             found[id(self._scratch.delayed[name, delay])] = numbers
         return found
