@@ -17,9 +17,10 @@ from pyomo.core.expr.relational_expr import EqualityExpression, RelationalExpres
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.blocks import BuiltBlock, BuiltBlockData, Rule
-from pyrobocop_pyomo.modeling.expression_arrays import array, plain_expressions
+from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions
 from pyrobocop_pyomo.modeling.row_violations import largest_violation
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
+from pyrobocop_pyomo.modeling.variable_families import VariableFamily
 from pyrobocop_pyomo.phases import Algebraic, Control, Parameter, PhaseBlock, PhaseBlockData
 from pyrobocop_pyomo.phases.families import equations_by_component, name_of, names_by_component
 from pyrobocop_pyomo.phases.record import labelled_rows
@@ -35,8 +36,7 @@ class PhaseEnd:
 
     A state is its variable there, a parameter its variable. An algebraic or control is the value of its polynomial,
     which a scheme without a point at that end extrapolates from its first or last element; a piecewise linear one has
-    a knot there. Other components of the phase are handed over too, those indexed by time at that time. `duration` is
-    that of the phase.
+    a knot there. Other components of the phase are handed over too, those indexed by time at that time.
 
     Parameters
     ----------
@@ -51,16 +51,6 @@ class PhaseEnd:
         self._read: set[str] = set()
 
     @property
-    def duration(self) -> Any:
-        """Duration of the phase: a number or a variable."""
-        return self._phase.duration
-
-    @property
-    def time(self) -> Any:
-        """Real time of this end: a number, or an expression in free durations."""
-        return self._phase.time_at(self._index)
-
-    @property
     def _index(self) -> float:
         return self._phase.final_time if self._last else self._phase.initial_time
 
@@ -69,8 +59,7 @@ class PhaseEnd:
             raise AttributeError(name)
         declared, families = self._phase.record.declarations, self._phase.record.families
         if name in families:
-            names = families[name]
-            return array([getattr(self, member) for member in names.members]).reshape(names.shape)
+            return VariableFamily(self, families[name]).array_of(lambda member: member)
         component = self._phase.component(name)
         if component is None:
             raise ModelError(

@@ -255,7 +255,7 @@ def motion_along_trajectory(trajectory: Trajectory) -> Motion:
     samples = trajectory.element_polynomials(np.linspace(0.0, 1.0, grid.scheme.stages + 2))
 
     def refuse(signal: Item, early: bool) -> None:
-        if signal.component.local_name not in samples:
+        if signal.component.local_name not in trajectory.states:
             raise ObstacleError(f"'{signal.name}' is no state of trajectory '{trajectory.name}'. {STATES_ONLY}")
 
     words = f"the polynomials of the states of trajectory '{trajectory.name}' ({grid.scheme.name})"

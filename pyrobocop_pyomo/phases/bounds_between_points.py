@@ -7,8 +7,7 @@ bounded on parts of each element, and the parts are halved until every formula h
 
 from __future__ import annotations
 
-import re
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -17,12 +16,11 @@ import numpy as np
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import TrajectoryError
-from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions
 from pyrobocop_pyomo.modeling.expression_nodes import CALL, CHOICE, DIVISION, FUNCTION, POWER, RELATION, kind_of_node
 from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps, Leaf
 from pyrobocop_pyomo.modeling.functions import function_called
 from pyrobocop_pyomo.modeling.row_violations import sides_of_row
-from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
+from pyrobocop_pyomo.modeling.shared_nodes import expressions_returned, variables_in_any
 from pyrobocop_pyomo.numerics import Array, BoolArray, Indices
 from pyrobocop_pyomo.numerics.interval_arithmetic import TAYLOR_FUNCTIONS, TaylorForm, taylor_form_of_polynomial
 from pyrobocop_pyomo.numerics.polynomials import (
@@ -35,12 +33,11 @@ from pyrobocop_pyomo.numerics.polynomials import (
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .coupled_phases import values_in_elements
 from .declarations import UNBOUNDED, Control, State, in_infinities
 from .element_instants import ElementInstants
 from .nodes import StageNodes, StateNodes
 from .record import PhaseRecord, Statement
-from .rule_formulas import RuleFormulas
+from .rule_formulas import RuleFormulas, shown_by_name
 
 # Instants per element at which polynomials are evaluated, and the excess worth a sentence, in sizes of the signal.
 _INSTANTS, WORTH_A_SENTENCE = 24, 1e-3
@@ -275,10 +272,10 @@ def _instants(formulas: RuleFormulas, trajectory: Trajectory, statement: Stateme
     if not places:
         return usual
     parts = _Parts(formulas, steps, places, trajectory)
-    jumps = parts.halved(usual)
+    found, jumps = parts.halved(usual)
     if len(jumps):  # parts that were halved on the way to a jump are not needed beside it
-        parts.halved(np.union1d(usual, jumps))
-    return parts.fractions
+        found, _ = parts.halved(np.union1d(usual, jumps))
+    return found
 
 
 def unseen_on_the_way(block: Any, trajectory: Trajectory, statements: Iterable[Statement]) -> str:
@@ -305,8 +302,8 @@ def unseen_on_the_way(block: Any, trajectory: Trajectory, statements: Iterable[S
         if not statement.rule.is_template(block):
             return f"{what} has to know the time as a number, and may do anything between two instants."
         formulas = RuleFormulas(block, trajectory.grid)
-        stated = stated_formulas(formulas, statement)
-        steps = ExpressionSteps(stated)
+        rates = formulas.by_state(statement) if statement.kind == "ode" else {}
+        steps = ExpressionSteps(list(rates.values()) or stated_formulas(formulas, statement))
         moving = {id(variable) for variable in formulas.at_instant.values()}
         places = changing_places(steps, moving)
         for call in changing_places(steps, moving | {id(formulas.index), id(formulas.clock)}):
@@ -317,13 +314,12 @@ def unseen_on_the_way(block: Any, trajectory: Trajectory, statements: Iterable[S
             if len(steps.steps[call].arguments) == 1 and hasattr(function, "taylor_form"):
                 continue  # its bounds are known
             if cells is None:
-                return f"{what} has '{_readable(steps.nodes[call])}', a function of which no bounds are known."
+                return f"{what} has {shown_by_name(steps.nodes[call])}, a function of which no bounds are known."
             if _Parts(formulas, steps, steps.steps[call].arguments, trajectory).change_by_more_than(cells):
-                table = _readable(steps.nodes[call])
-                return f"{what} passes several knots of the table '{table}' between two instants."
+                table = shown_by_name(steps.nodes[call])
+                return f"{what} passes several knots of the table {table} between two instants."
         least = [0.0] * len(places)
-        states = [state for state, name in block.record.equation_of.items() if name == statement.name]
-        for rate, state in zip(steps.outputs, states, strict=False):
+        for rate, state in zip(steps.outputs, rates, strict=False):
             # What changes slowly may add up to something narrow. It counts where it moves a state, at rest as well.
             # Sums and products of signals are polynomials of a low degree, which instants show.
             if changing_places(steps.part([rate]), moving):
@@ -332,13 +328,8 @@ def unseen_on_the_way(block: Any, trajectory: Trajectory, statements: Iterable[S
         parts = _Parts(formulas, steps, places, trajectory, at_one_time=True)
         hidden = parts.hidden(np.array(least)) if places else None
         if hidden is not None:
-            return f"{what} has '{_readable(steps.nodes[hidden])}', which the motion may pass between two instants."
+            return f"{what} has {shown_by_name(steps.nodes[hidden])}, which the motion may pass between two instants."
     return ""
-
-
-def _readable(expression: Any) -> str:
-    """A formula in the names of the phase."""
-    return re.sub(r"declared\[(\w+)\]", r"\1", str(expression))
 
 
 def _too_quick(why: str) -> str:
@@ -351,22 +342,10 @@ def _too_quick(why: str) -> str:
 def stated_formulas(formulas: RuleFormulas, statement: Statement) -> list[Any]:
     """What a rule gives at any time, side by side of its rows; nothing where it gives no formulas."""
     try:
-        return formulas.formulas_of(statement, lambda result: list(_formulas_in(plain_expressions(result))))
+        stated = expressions_returned(formulas.formulas_of(statement))
     except TrajectoryError:
         return []
-
-
-def _formulas_in(row: Any) -> Iterator[Any]:
-    """The sides of relations, and the components of vectors."""
-    if isinstance(row, (Mapping, list, tuple, np.ndarray)):
-        for part in row.values() if isinstance(row, Mapping) else row:
-            yield from _formulas_in(part)
-    elif row is None or isinstance(row, str):
-        return  # of a pair: which bound of a side is meant
-    elif kind_of_node(row.__class__) == RELATION:
-        yield from row.args
-    else:
-        yield plain_expressions(row)
+    return [side for each in stated for side in (each.args if kind_of_node(each.__class__) == RELATION else [each])]
 
 
 def changing_places(steps: ExpressionSteps, variables: set[int]) -> list[int]:
@@ -378,7 +357,7 @@ def changing_places(steps: ExpressionSteps, variables: set[int]) -> list[int]:
 def _polynomials(trajectory: Trajectory) -> dict[str, Any]:
     """What moves, and the numbers of what does not, by name."""
     points, to_coefficients = bernstein_from_samples(trajectory.grid.scheme.stages + 1)
-    values = values_in_elements(trajectory, points)
+    values = trajectory.element_polynomials(points)
     moving = {name: PiecewisePolynomial(of @ to_coefficients.T) for name, of in values.items()}
     return moving | dict(trajectory.parameters)
 
@@ -411,11 +390,6 @@ class _Parts:
         ends = [np.stack([of[:-1], of[:-1] if at_one_time else of[1:]], axis=1) for of in boundaries]
         index, clock = map(PiecewisePolynomial, ends)
         self._leaves = formulas.leaves(_polynomials(trajectory), index, clock)
-
-    @property
-    def fractions(self) -> Array:
-        """Where parts of any element start or end."""
-        return np.union1d(self._start, self._end)
 
     def _on_samples(self) -> tuple[Array, ...]:
         """Lowest and highest value of each node on each of ``SAMPLES`` parts of all elements, and those at its ends."""
@@ -450,8 +424,8 @@ class _Parts:
             found = np.flatnonzero((~(beyond <= seen)).any(axis=1))
         return self._places[found[0]] if len(found) else None
 
-    def halved(self, fractions: Array) -> Array:
-        """Halve parts of all elements until no formula bends on them; the ends of those where one jumps."""
+    def halved(self, fractions: Array) -> tuple[Array, Array]:
+        """Ends of the parts of any element on which no formula bends, by halving; and of those where one jumps."""
         count = len(fractions) - 1
         element = np.repeat(np.arange(self._elements), count)
         start, end = np.tile(fractions[:-1], self._elements), np.tile(fractions[1:], self._elements)
@@ -470,8 +444,7 @@ class _Parts:
             bounds = tuple(np.concatenate(both, axis=1) for both in zip(kept, new, strict=True))
             element = np.concatenate([element[~split], again])
             start, end = (np.concatenate([of[~split], half]) for of, half in zip((start, end), halves, strict=True))
-        self._start, self._end = start, end
-        return np.union1d(start[bends], end[bends])
+        return np.union1d(start, end), np.union1d(start[bends], end[bends])
 
     def bounds(self, element: Indices, start: Array, end: Array) -> tuple[Array, ...]:
         """Lowest and highest value of each step on each part, and how much it changes; shape (steps, parts)."""

@@ -19,22 +19,12 @@ from pyomo.core.base.var import Var
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.blocks import BuiltBlockData
 from pyrobocop_pyomo.modeling.variable_values import put_values, values_restored
-from pyrobocop_pyomo.numerics import Array, Grid, Mesh
+from pyrobocop_pyomo.numerics import Grid, Mesh
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .nodes import StageNodes
 from .phase_values import PhaseValues
 from .record import PhaseRecord
-
-
-def values_in_elements(trajectory: Trajectory, fractions: Array) -> dict[str, Array]:
-    """States, algebraics and controls at places of all elements, shape ``(N, k)``, by name."""
-    grid = trajectory.grid
-    weights = grid.scheme.stage_polynomial_at(fractions).T
-    found = dict(trajectory.element_polynomials(fractions))
-    found |= {name: trajectory.element_signals(name) @ weights for name in trajectory.signals}
-    times = np.array(grid.mesh.boundaries[:-1])[:, None] + np.array(grid.mesh.widths)[:, None] * fractions
-    return found | {name: np.interp(times, *knots) for name, knots in trajectory.piecewise_linear.items()}
 
 
 def other_phases(block: Any) -> list[Any]:

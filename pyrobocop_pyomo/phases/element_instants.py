@@ -12,7 +12,6 @@ from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.polynomials import differentiation_matrix
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .coupled_phases import values_in_elements
 from .declarations import in_infinities
 from .delays import past_of
 from .record import Statement
@@ -48,23 +47,20 @@ class ElementInstants:
         )
         states = {name: trajectory.element_states(name).T for name in trajectory.states}
         slopes = differentiation_matrix(scheme.state_nodes, fractions)
-        self.values: dict[str, Any] = {name: of.T for name, of in values_in_elements(trajectory, fractions).items()}
+        self.values: dict[str, Any] = {name: of.T for name, of in trajectory.element_polynomials(fractions).items()}
         self.values |= trajectory.parameters
         self.slopes = {name: slopes @ of / widths for name, of in states.items()}
         # Where a stage is at the start, the values of a state do not determine its polynomial.
         for name in trajectory.rates if scheme.starts_on_a_stage else ():
             self.slopes[name] = self.at_stages @ trajectory.element_rates(name).T
-        self._past, self._widths, self._asked, self._others = past_of(trajectory), widths, 0, dict[int, Array]()
+        self._past, self._widths = past_of(trajectory), widths
         self._starts = {name: np.zeros(self.index.shape) + of[0] for name, of in states.items()}
 
     def _leaves(self, values: Mapping[str, Any]) -> dict[int, Any]:
-        formulas = self._formulas
-        asked = formulas.further_readings
-        if asked != self._asked:  # rules were asked since
-            self._asked, self._others = asked, formulas.of_coupled_phases(self.fractions)
-            given = self._past, self.clock, self._widths, self.fractions[:, None]
-            self._others |= formulas.delayed_numbers(formulas.delays, *given)
-        return formulas.leaves(values, self.index, self.clock, self.slopes, self._starts) | self._others
+        formulas, given = self._formulas, (self._past, self.clock, self._widths, self.fractions[:, None])
+        leaves = formulas.leaves(values, self.index, self.clock, self.slopes, self._starts)
+        leaves |= formulas.of_coupled_phases(self.fractions)
+        return leaves | formulas.delayed_numbers(formulas.delays, *given)
 
     def evaluated(self, expressions: Sequence[Any], values: Mapping[str, Any]) -> list[Array]:
         """Formulas with these values, each of shape ``(q, N)``."""

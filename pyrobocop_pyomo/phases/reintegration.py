@@ -171,7 +171,7 @@ def reintegrate(
     compared = np.searchsorted(places, fractions)
     return Reintegration(
         fractions=fractions,
-        planned=trajectory.element_polynomials(fractions),
+        planned={name: of for name, of in trajectory.element_polynomials(fractions).items() if name in names},
         local=dict(zip(names, local[..., compared], strict=True)),
         open_loop=None if whole is None else dict(zip(names, whole[..., compared], strict=True)),
         contact=bool(equations.pairs),

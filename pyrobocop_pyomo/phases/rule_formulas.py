@@ -34,7 +34,7 @@ from pyrobocop_pyomo.numerics import Array, Grid
 from pyrobocop_pyomo.templates.slots import Always, Clock, Derivative, Item, NamedItem, Place, Slot, Time
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .coupled_phases import indices_of, values_in_elements
+from .coupled_phases import indices_of
 from .declarations import FunctionOfTime
 from .delays import SAME_TIME, Delayed, Past, ValueAt, delay_as_number, history_value
 from .families import equations_by_component
@@ -56,18 +56,6 @@ def asked_by_point(phase: Any) -> str | None:
     if found is not None:
         return _in_words(phase, found)
     return next((reason for name in record.declarations if (reason := _history_by_point(phase, name))), None)
-
-
-def refuse_asked_by_point(phase: Any, statement: Statement, *more: Any) -> None:
-    """Refuse a rule that says something at the points of the mesh only, given what it would get at one.
-
-    Raises
-    ------
-    TrajectoryError
-        Naming it.
-    """
-    if not statement.rule.is_template(phase, *more):
-        raise TrajectoryError(_in_words(phase, statement))
 
 
 def _history_by_point(phase: Any, name: str) -> str | None:
@@ -114,9 +102,9 @@ def read_inside_elements(phase: Any) -> str | None:
 # -------------------------------------------------------------------------------------------------------- rule formulas
 
 
-def shown_by_name(text: str) -> str:
-    """A text about formulas, with the names of what is declared."""
-    return re.sub(r"declared\[([^]]*)\]", r"'\1'", text)
+def shown_by_name(formula: object) -> str:
+    """A formula, or a text about formulas, with the names of what is declared."""
+    return re.sub(r"declared\[([^]]*)\]", r"'\1'", str(formula))
 
 
 class RuleFormulas:
@@ -239,8 +227,9 @@ class RuleFormulas:
             more = (PreviousStates(statement.label(self.block), previous, self.record.families),)
         with failures_as(TrajectoryError, f"{statement.label(self.block)} is no formula that holds at all times"):
             if statement not in self._said:
-                refuse_asked_by_point(self.block, statement, *more)
                 formulas: Any = statement.rule.formulas(self.block, *more)
+                if formulas is None:
+                    raise TrajectoryError(_in_words(self.block, statement))
                 self._said[statement] = formulas.at(self.read)
             return entries(self._said[statement])
 
@@ -318,14 +307,9 @@ class RuleFormulas:
             with suppress(TrajectoryError):  # nothing is known where the model has no values
                 if number not in self._trajectories:
                     self._trajectories[number] = PhaseValues(self._coupled[number]).trajectory(evaluate=False)
-                values[number] = values_in_elements(self._trajectories[number], fractions)
+                values[number] = self._trajectories[number].element_polynomials(fractions)
         read = self._scratch.beside.items() if values else ()
         return {id(of): values[number][name].T for (number, name), of in read if name in values.get(number, ())}
-
-    @property
-    def further_readings(self) -> int:
-        """How much rules have read so far that is neither declared nor derived: earlier, or of other phases."""
-        return len(self._scratch.delayed) + len(self._scratch.beside)
 
     @property
     def delays(self) -> list[tuple[str, float]]:

@@ -182,18 +182,6 @@ class Trajectory(Presented):
             "points and duration."
         )
 
-    def __getitem__(self, name: str) -> Any:
-        """The values by name: ``trajectory["theta"]`` is ``trajectory.theta``."""
-        if not isinstance(name, str):
-            raise TypeError(
-                f"trajectory '{self.name}' is indexed by names, not by {name!r}: trajectory['x'] are the values at "
-                "trajectory.time, trajectory(0.5)['x'] is the value at one time."
-            )
-        try:
-            return getattr(self, name)
-        except AttributeError as error:
-            raise KeyError(str(error)) from None
-
     @cached_property
     def time(self) -> Array:
         """Times of the states, shape ``(T,)``."""
@@ -281,7 +269,7 @@ class Trajectory(Presented):
         return _Values(self.families, values if np.ndim(t) else {name: float(of[0]) for name, of in values.items()})
 
     def element_polynomials(self, fractions: ArrayLike) -> dict[str, Array]:
-        """Every state at the same local fractions of each element, by the polynomial of that element.
+        """Every state, algebraic and control at the same local fractions of each element, by its polynomial there.
 
         Parameters
         ----------
@@ -290,11 +278,15 @@ class Trajectory(Presented):
 
         Returns
         -------
-        dict of state name to array, shape (N, k)
+        dict of name to array, shape (N, k)
         """
-        elements, local = self.grid.mesh.elements, np.asarray(fractions, dtype=float)
-        element, everywhere = np.repeat(np.arange(elements), len(local)), np.tile(local, elements)
-        return {name: self._interpolate_state(name, element, everywhere).reshape(elements, -1) for name in self.states}
+        mesh, local = self.grid.mesh, np.asarray(fractions, dtype=float)
+        element, everywhere = np.repeat(np.arange(mesh.elements), len(local)), np.tile(local, mesh.elements)
+        weights, times = self.grid.scheme.stage_polynomial_at(local).T, mesh.widths[:, None] * local
+        times += np.array(mesh.boundaries[:-1])[:, None]
+        states = {name: self._interpolate_state(name, element, everywhere).reshape(times.shape) for name in self.states}
+        signals = {name: self.element_signals(name) @ weights for name in self.signals}
+        return states | signals | {name: np.interp(times, *knots) for name, knots in self.piecewise_linear.items()}
 
     def _interpolate_state(self, name: str, element: Indices, local: Array) -> Array:
         scheme = self.grid.scheme

@@ -199,9 +199,6 @@ def test_a_jump_may_read_controls_algebraics_parameters_durations_and_the_users_
     assert m.back.pre.k is m.b.k
     assert m.back.pre.g is m.b.g
     assert pyo.value(m.back.pre.twice) == 2.0
-    assert m.back.pre.duration is m.b.duration
-    assert pyo.value(m.back.pre.time) == 2.0
-    assert pyo.value(m.back.post.time) == 0.0
 
 
 @each_scheme

@@ -60,7 +60,7 @@ def test_the_open_loop_is_that_of_scipy(scheme: str, stages: int, control: dict[
     np.testing.assert_allclose(motion.open_loop["rate"], expected[:, :, 1], atol=1e-8)
     planned = b.trajectory().element_polynomials(motion.fractions)
     np.testing.assert_array_equal(motion.planned["angle"], planned["angle"])
-    largest = max(np.abs(motion.open_loop[name] - planned[name]).max() for name in planned)
+    largest = max(np.abs(of - planned[name]).max() for name, of in motion.open_loop.items())
     assert b.trajectory().verify().motion_error == pytest.approx(largest, rel=1e-9)
 
 
