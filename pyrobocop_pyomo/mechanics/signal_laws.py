@@ -32,7 +32,7 @@ from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_entry
 from pyrobocop_pyomo.phases import Algebraic, Law
 from pyrobocop_pyomo.phases.declarations import UNBOUNDED, Bounds
-from pyrobocop_pyomo.phases.equations import add_expression
+from pyrobocop_pyomo.phases.equations import add_statement
 from pyrobocop_pyomo.phases.nodes import InitialGuess
 from pyrobocop_pyomo.phases.record import Statement
 from pyrobocop_pyomo.templates.template import Template
@@ -587,7 +587,7 @@ class CoulombSlip(SignalLaw):
         super().state(phase, name)
         forward, backward = part_name(name, "forward"), part_name(name, "backward")
         slip = Template(lambda phase, time: getattr(phase, forward)[time] - getattr(phase, backward)[time])
-        add_expression(phase, Statement("expression", name, slip))
+        add_statement(phase, Statement("expression", name, slip))
 
     def pairs(self, at: Moment) -> Any:
         """Slip only at the edge of the cone."""

@@ -112,8 +112,13 @@ def values_restored(variables: Iterable[Any]) -> Iterator[VariableValues]:
         values.restore()
 
 
+def within(number: float, bounds: tuple[float | None, float | None]) -> float:
+    """The number, moved onto the nearest bound if it lies outside."""
+    lower, upper = bounds
+    number = float(number) if lower is None else max(float(number), lower)
+    return number if upper is None else min(number, upper)
+
+
 def within_bounds(number: float, variable: Any) -> float:
     """The number, moved into the bounds of a variable."""
-    lower, upper = variable.bounds
-    number = number if lower is None else max(number, lower)
-    return number if upper is None else min(number, upper)
+    return within(number, variable.bounds)

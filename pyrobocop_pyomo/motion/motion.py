@@ -236,7 +236,7 @@ class PhaseMotion(Motion):
         """Derivative of a state, where it has an equation."""
         home, name = self._state_of(signal)
         known = name in home.record.rates or home.component(f"{name}_derivative") is not None
-        return home.derivative(name) if known else None
+        return home.derivative(name) if known and name not in home.record.discrete_states else None
 
     @cached_property
     def _widths(self) -> list[Any]:

@@ -419,14 +419,6 @@ def in_infinities(bounds: Bounds | None) -> tuple[float, float]:
     return -math.inf if lower is None else lower, math.inf if upper is None else upper
 
 
-def within(value: float, bounds: Bounds | None) -> float:
-    """The value, moved onto the nearest bound if it lies outside."""
-    lower, upper = bounds or (None, None)
-    if lower is not None and value < lower:
-        return lower
-    return upper if upper is not None and value > upper else float(value)
-
-
 _LAW_WORDS = {"mu": "coefficient", "friction": "coefficient", "velocity": "slip", "speed": "slip", "distance": "gap"}
 
 

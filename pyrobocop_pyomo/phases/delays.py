@@ -13,8 +13,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from pyomo.core.base.expression import Expression
-from pyomo.core.base.set import Any as AnyIndex
 from pyomo.core.expr import LinearExpression
 from pyomo.core.expr.numvalue import native_numeric_types, value
 
@@ -31,7 +29,7 @@ from pyrobocop_pyomo.trajectories import Trajectory
 from .declarations import Duration
 from .horizon import real_time
 from .nodes import IntervalNodes, Nodes, StateNodes
-from .record import PhaseRecord, add_generated
+from .record import PhaseRecord, hand_out
 
 VALUES_AT_TIMES = "values_at_times"
 
@@ -205,13 +203,7 @@ def value_at_time(block: Any, name: str, time: Any) -> Any:
     stays = number in (start, end) and is_of_end and found.is_variable_type()
     if record.asking or record.restating is not None or stays:
         return found
-    named = block.component(VALUES_AT_TIMES)
-    if named is None:
-        named = add_generated(block, VALUES_AT_TIMES, Expression(AnyIndex, doc="values at fixed times"))
-    record.values_at_times.append((name, number))
-    position = len(record.values_at_times)
-    named[position] = found
-    return named[position]
+    return hand_out(block, VALUES_AT_TIMES, record.values_at_times, (name, number), found)
 
 
 def restate_values_at_times(block: Any) -> None:

@@ -12,7 +12,6 @@ from typing import Any
 from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.PyomoModel import Model
-from pyomo.core.base.set import Any as AnyIndex
 from pyomo.core.expr.numvalue import native_numeric_types
 from pyomo.core.expr.relational_expr import EqualityExpression, InequalityExpression, RelationalExpression
 
@@ -30,7 +29,7 @@ from pyrobocop_pyomo.transcription import can_step, quadrature
 from .declarations import Algebraic, State, check_bounds
 from .families import equations_by_component
 from .horizon import quadrature_weights
-from .record import AT_BOUNDARIES, PhaseRecord, PreviousStates, Statement, add_generated, labelled_rows, place
+from .record import AT_BOUNDARIES, PhaseRecord, PreviousStates, Statement, hand_out, labelled_rows, place
 from .row_rules import CollocationRows, Ode, Rates, StatedRows
 from .stated_numbers import rate_units
 from .variables import NoSuchTime, add_generated_rows, add_values
@@ -46,12 +45,7 @@ INTEGRALS = "stated_integrals"
 def _add_ode(block: Any, statement: Statement) -> None:
     """Rows for the states whose derivatives a rule gives."""
     record: PhaseRecord = block.record
-    points = record.grid.points
-    given = {time: _given_for_states(block, statement, time) for time in points[:2]}
-    # What reads variables alone says the same everywhere, but for these: it is evaluated where somebody reads it.
-    is_read_later = record.time_units is None and statement.reads_variables_alone(block)
-    if not is_read_later:
-        given |= {time: _given_for_states(block, statement, time) for time in points[2:]}
+    given, is_read_later = _answers(block, statement, lambda time: _given_for_states(block, statement, time))
     ode = Ode(block, statement, given)
     for name in _states_given(block, statement, given):
         declaration: Any = record.declarations[name]
@@ -93,6 +87,7 @@ def _add_step(block: Any, statement: Statement) -> None:
         rows = ((time, (states[state][ends[time]] - values[state], 0)) for time, values in given.items())
         add_generated_rows(block, f"{state}_step", block.points, rows)
         record.equation_of[state] = statement.name
+        record.rates[state] = {time: values[state] for time, values in given.items()}
         record.discrete_states.add(state)
 
 
@@ -188,11 +183,9 @@ def _add_residual(block: Any, statement: Statement) -> None:
     block.record.residuals_per_point += _add_rows(block, statement, results, is_read_later)
 
 
-def add_expression(block: Any, statement: Statement) -> None:
+def _add_expression(block: Any, statement: Statement) -> None:
     """A named expression of this package over the points, which rules read by its name."""
     place(block, statement.name, Expression(block.points, rule=statement))
-    if block.record.restating is None:
-        block.record.expressions.append(statement)
 
 
 def _add_constraint(block: Any, statement: Statement) -> None:
@@ -241,17 +234,19 @@ _ADD: dict[str, Callable[[Any, Statement], None]] = {
     "constraint": _add_constraint,
     AT_BOUNDARIES: _add_constraint,
     "complementarity": _add_complementarity,
-    "expression": add_expression,
+    "expression": _add_expression,
 }
 
 
 def add_statement(block: Any, statement: Statement) -> None:
-    """Add what a rule states. What the rule makes meanwhile is made anew with it."""
+    """Add what a rule states, and keep it. What the rule makes meanwhile is made anew with it."""
     block.record.asking = True
     try:
         _ADD[statement.kind](block, statement)
     finally:
         block.record.asking = False
+    if block.record.restating is None:
+        block.record.statements.append(statement)
 
 
 def asked(block: Any, statement: Statement, time: float, expected: str, *more: PreviousStates) -> Any:
@@ -287,22 +282,36 @@ def asked(block: Any, statement: Statement, time: float, expected: str, *more: P
     return result
 
 
+def _answers(block: Any, statement: Statement, ask: Callable[[float], Any]) -> tuple[dict[float, Any], bool]:
+    """Answers of a rule at all of its times; or at two, and that the others say the same and are read later.
+
+    A rule that reads variables alone says the same everywhere, but for these.
+    """
+    found: dict[float, Any] = {}
+    may_be_read_later = statement.kind != "complementarity" and block.record.time_units is None
+    for time in statement.times(block):
+        found[time] = ask(time)
+        if statement.kind != "ode":  # a rate may be a number
+            may_be_read_later = may_be_read_later and all(map(_is_expression, found[time].values()))
+        if len(found) == 2 and may_be_read_later and statement.reads_variables_alone(block):
+            return found, True
+    return found, False
+
+
 def _collect(block: Any, statement: Statement) -> tuple[dict[float, dict[Hashable, Any]], bool]:
     """Answers of a rule as {time: {label: row}}; whether the others are read later, which say the same."""
-    record, label, times = block.record, statement.label(block), statement.times(block)
-    results: dict[float, dict[Hashable, Any]] = {}
-    is_read_later = statement.kind != "complementarity" and record.time_units is None
-    for time in times:
+    label, times = statement.label(block), statement.times(block)
+
+    def rows(time: float) -> dict[Hashable, Any]:
         result = asked(block, statement, time, "one or several relations")
-        results[time] = labelled_rows(statement.kind, plain_expressions(result))
-        is_read_later = (
-            is_read_later and not isinstance(result, tuple) and all(map(_is_expression, results[time].values()))
-        )
-        if len(results) == 2 and is_read_later and statement.reads_variables_alone(block):
-            return results, True
+        return labelled_rows(statement.kind, plain_expressions(result))
+
+    results, is_read_later = _answers(block, statement, rows)
+    if is_read_later:
+        return results, True
     states_something = any(row is not Constraint.Skip for rows in results.values() for row in rows.values())
     # What skips all times without a look at them is switched off, and meant so.
-    if not states_something and record.restating is None and not statement.rule.is_template(block):
+    if not states_something and block.record.restating is None and not statement.rule.is_template(block):
         raise ModelError(
             f"{label} states nothing: it skips all {len(times)} points, t = {times[0]:g} to {times[-1]:g}. A time that "
             "it compares with is no point of the mesh: for one instant write a constraint of the model with "
@@ -336,13 +345,7 @@ def named_integral(block: Any, integrand: Rule) -> Any:
     is_part = block.record.asking  # a rule that is evaluated makes its own
     if is_part or total.__class__ in native_numeric_types:
         return total
-    named = block.component(INTEGRALS)
-    if named is None:
-        named = add_generated(block, INTEGRALS, Expression(AnyIndex, doc="integrals over the phase"))
-    block.record.integrals.append(statement)
-    position = len(block.record.integrals)
-    named[position] = total
-    return named[position]
+    return hand_out(block, INTEGRALS, block.record.integrals, statement, total)
 
 
 def restate_integrals(block: Any) -> None:

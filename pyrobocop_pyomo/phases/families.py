@@ -20,7 +20,7 @@ from pyrobocop_pyomo.errors import InitialGuessError, ModelError, PyRobocopError
 from pyrobocop_pyomo.modeling.time_index import point_of
 from pyrobocop_pyomo.modeling.variable_families import FamilyNames, VariableFamily
 
-from .declarations import Control, Declaration, Parameter, State
+from .declarations import Declaration, Parameter
 from .record import PhaseRecord
 
 
@@ -112,19 +112,11 @@ def component_declarations(names: FamilyNames, declaration: Declaration, what: s
         When what is given has another length than the index.
     """
     where = f"{what} (declared at {declaration.declared_at})"
-    each: dict[str, Any] = {
-        "bounds": _split_bounds(names, declaration.bounds, f"{where}: its bounds"),
-        "initial_guess": _split_guess(names, declaration.initial_guess, f"{where}: its initial guess"),
-        "units": _split(names, declaration.units, f"{where}: its units"),
+    each = {
+        name: split(names, getattr(declaration, name), f"{where}: its {name.replace('_', ' ')}")
+        for name, split in _SPLIT_BY.items()
+        if hasattr(declaration, name)
     }
-    if not isinstance(declaration, Parameter):
-        each["history"] = _split(names, getattr(declaration, "history", None), f"{where}: its history")
-    if isinstance(declaration, State):
-        for end in ("initial", "final"):
-            each[end] = _split_ends(names, getattr(declaration, end), f"{where}: its {end} value")
-        each["derivative_bounds"] = _split_bounds(names, declaration.derivative_bounds, f"{where}: derivative_bounds")
-    if isinstance(declaration, Control):
-        each["rate_bounds"] = _split_bounds(names, declaration.rate_bounds, f"{where}: its rate_bounds")
     return [
         (member, replace(declaration, index=None, **{name: entries[i] for name, entries in each.items()}))
         for i, member in enumerate(names.members)
@@ -153,11 +145,11 @@ def _split_ends(names: FamilyNames, given: Any, label: str) -> list[Any]:
     if isinstance(given, tuple) and len(given) == 2 and not any(isinstance(end, (tuple, list)) for end in given):
         if len(names.labels) == 2:
             raise ModelError(
-                f"{label} is {given}: an interval for both components, or one number for each? Write a list for one "
-                "number each, or a list of two tuples for intervals."
+                f"{label} value is {given}: an interval for both components, or one number for each? Write a list for "
+                "one number each, or a list of two tuples for intervals."
             )
         return [given] * len(names.labels)
-    return [tuple(end) if isinstance(end, list) else end for end in _split(names, given, label)]
+    return [tuple(end) if isinstance(end, list) else end for end in _split(names, given, f"{label} value")]
 
 
 def _split_bounds(names: FamilyNames, given: Any, label: str) -> list[Any]:
@@ -199,6 +191,14 @@ def _split_guess(names: FamilyNames, given: Any, label: str) -> list[Any]:
         numbers = np.moveaxis(numbers, 0, -1)
     each = numbers.reshape(len(names.labels), *numbers.shape[dimensions:])
     return each.tolist() if each.ndim == 1 else list(each)
+
+
+_SPLIT_BY: dict[str, Callable[[FamilyNames, Any, str], list[Any]]] = {
+    **dict.fromkeys(("bounds", "derivative_bounds", "rate_bounds"), _split_bounds),
+    **dict.fromkeys(("initial", "final"), _split_ends),
+    **dict.fromkeys(("units", "history"), _split),
+    "initial_guess": _split_guess,
+}
 
 
 def _wrong_length(

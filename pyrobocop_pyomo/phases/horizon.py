@@ -22,9 +22,10 @@ from pyomo.core.expr.numvalue import native_numeric_types, value
 
 from pyrobocop_pyomo.errors import InitialGuessError, ModelError
 from pyrobocop_pyomo.modeling.time_index import TimeIndex, point_of
+from pyrobocop_pyomo.modeling.variable_values import within
 from pyrobocop_pyomo.numerics import Grid, Mesh
 
-from .declarations import Duration, Start, check_bounds, within
+from .declarations import Duration, Start, check_bounds
 from .nodes import initial_number
 from .record import PhaseRecord, place
 

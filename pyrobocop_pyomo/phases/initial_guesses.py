@@ -6,17 +6,18 @@ bounds is moved onto the nearest one. Everything is checked before anything is s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from pyrobocop_pyomo.errors import InitialGuessError
+from pyrobocop_pyomo.modeling.variable_values import within_bounds
 from pyrobocop_pyomo.numerics import Array, differentiation_matrix
 from pyrobocop_pyomo.numerics.arrays import finite_numbers
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .declarations import Parameter, State, within
+from .declarations import Parameter, State
 from .families import guesses_by_component, name_of
 from .horizon import horizon_fraction, real_grid
 from .nodes import InitialGuess, initial_number
@@ -43,9 +44,7 @@ def set_guesses(block: Any, guesses: Mapping[Any, InitialGuess]) -> None:
     values = {name: guess_values(block, name, guess) for name, guess in named.items()}
     for assigned in values.values():
         _assign(assigned)
-    for name in block.record.names_of_states:
-        if name in named and name in block.record.kept_derivatives and f"{name}_derivative" not in named:
-            _assign(_slopes(block, name))
+    _let_derivatives_follow(block, named)
 
 
 def set_trajectory(block: Any, trajectory: Trajectory) -> None:
@@ -79,8 +78,7 @@ def set_trajectory(block: Any, trajectory: Trajectory) -> None:
         is_rate = name not in record.declarations
         numbers = stretch * numbers if is_rate else numbers
         _assign(list(zip(values.variables[name], numbers.tolist(), strict=True)))
-        if name in record.kept_derivatives and f"{name}_derivative" not in found:
-            _assign(_slopes(block, name))
+    _let_derivatives_follow(block, found)
 
 
 def set_straight_lines(block: Any) -> None:
@@ -106,8 +104,8 @@ def set_straight_lines(block: Any) -> None:
         if start is None:
             continue
         # Twice, because both ends may be ranges: nearest to the other, then the other nearest to it.
-        start = start if first.fixed else within(within(end, last.bounds) if from_end else start, first.bounds)
-        end = end if last.fixed else within(start, last.bounds)
+        start = start if first.fixed else within_bounds(within_bounds(end, last) if from_end else start, first)
+        end = end if last.fixed else within_bounds(start, last)
         lines[name] = [start + (end - start) * ((t - times[0]) / span) for t in times]
     set_guesses(block, lines)
 
@@ -195,17 +193,19 @@ def _name_of(block: Any, key: Any) -> str:
     return name
 
 
-def _slopes(block: Any, name: str) -> Values:
-    """Derivative variables at the slopes of the polynomial through the state's values: their rows then hold."""
+def _let_derivatives_follow(block: Any, given: Container[str]) -> None:
+    """Derivative variables get the slopes of the polynomials through the states that were given: their rows hold."""
     grid = block.record.grid
     differentiate = differentiation_matrix(grid.scheme.state_nodes, grid.scheme.c)
-    nodes = read_values(block.record.nodes(name).variables(block))[grid.node_positions]
-    slopes = np.empty(len(grid.points))
-    slopes[grid.stage_positions] = nodes @ differentiate.T / real_grid(block).mesh.widths[:, None]
-    return list(zip(block.component(f"{name}_derivative").values(), slopes.tolist(), strict=True))
+    for name in sorted(block.record.kept_derivatives):
+        if name in given and f"{name}_derivative" not in given:
+            nodes = read_values(block.record.nodes(name).variables(block))[grid.node_positions]
+            slopes = np.empty(len(grid.points))
+            slopes[grid.stage_positions] = nodes @ differentiate.T / real_grid(block).mesh.widths[:, None]
+            _assign(list(zip(block.component(f"{name}_derivative").values(), slopes.tolist(), strict=True)))
 
 
 def _assign(values: Values) -> None:
     for data, number in values:
         if not data.fixed:
-            data.set_value(within(number, data.bounds), skip_validation=True)
+            data.set_value(within_bounds(number, data), skip_validation=True)

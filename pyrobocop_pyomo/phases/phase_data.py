@@ -303,13 +303,13 @@ class PhaseBlockData(BuiltBlockData):
         name = self.state_name(state)
         if is_asked_for_all_times():
             return OverTime(Derivative(self.component(name)))  # type: ignore[return-value]
-        if name in self.record.rates:
-            return self.record.rates[name]
         if name in self.record.discrete_states:
             raise ModelError(
                 f"{self._what}: '{name}' has no derivative; the step map '{self.record.equation_of[name]}' leads it "
                 "from element to element."
             )
+        if name in self.record.rates:
+            return self.record.rates[name]
         if name in self.record.kept_derivatives:
             return self.component(f"{name}_derivative")
         with self._all_or_nothing():
@@ -605,7 +605,6 @@ class PhaseBlockData(BuiltBlockData):
         statement = Statement(kind, name_of_rows(self, kind, rule, name), Template(rule))
         with self._all_or_nothing(), PauseGC():
             add_statement(self, statement)
-            self.record.statements.append(statement)
         return rule
 
     def _build(

@@ -131,7 +131,7 @@ class PhaseValues:
             states={name: values[name] for name in record.names_of_states},
             signals={name: self.nodes[name].at_points(values[name]) for name in record.names_of_signals},
             parameters={name: float(value(phase.component(name))) for name in record.names(Parameter)},
-            pairs=pairs_of_phase(phase, self._grid) if evaluate else {},
+            pairs=pairs_of_phase(phase) if evaluate else {},
             rates=self._rates() if evaluate else kept,
             piecewise_linear={
                 name: np.array([np.interp(of.times, self._grid.mesh.boundaries, grid.mesh.boundaries), values[name]])
@@ -148,7 +148,7 @@ class PhaseValues:
     def _rates(self) -> dict[str, Array]:
         """Derivatives of the states at the points, where they have any."""
         phase, record = self._phase, self._record
-        known = record.rates.keys() | record.kept_derivatives
+        known = (record.rates.keys() | record.kept_derivatives) - record.discrete_states
         rates = {name: phase.derivative(name) for name in record.names_of_states if name in known}
         return {name: np.array([number_or_nan(of[t]) for t in self._grid.points]) for name, of in rates.items()}
 
@@ -169,22 +169,13 @@ class PhaseValues:
         self._record.outcome = (words, self._fingerprint(self.read()))
 
 
-def expressions_over_time(phase: Any) -> dict[str, Any]:
-    """The Expressions of a phase over its times or its points by name, without the controls that are such."""
-    sets = (phase.time, phase.points)
-    return {
-        component.local_name: component
-        for component in phase.component_objects(Expression, descend_into=False)
-        if any(component.index_set() is times for times in sets)
-        if component.local_name not in phase.record.declarations
-    }
-
-
 def expression_values(phase: Any) -> dict[str, Array]:
-    """The values of these Expressions now; NaN where one has none."""
+    """The Expressions of a phase over its times or points now, without controls that are such; NaN where undefined."""
     return {
-        name: np.array([number_or_nan(component[t]) if t in component else np.nan for t in component.index_set()])
-        for name, component in expressions_over_time(phase).items()
+        component.local_name: np.array([number_or_nan(component[t]) if t in component else np.nan for t in times])
+        for component in phase.component_objects(Expression, descend_into=False)
+        for times in (phase.time, phase.points)
+        if component.index_set() is times and component.local_name not in phase.record.declarations
     }
 
 
@@ -216,10 +207,10 @@ def sample_times(grid: Grid, nodes: Nodes, place: Callable[[float], float]) -> A
     return times if nodes.begins is None else np.where(nodes.begins, np.nextafter(times, boundaries[-1]), times)
 
 
-def pairs_of_phase(phase: Any, grid: Grid) -> dict[str, Array]:
+def pairs_of_phase(phase: Any) -> dict[str, Array]:
     """Both sides of every pair over the points, by the name under which the user stated it; a range has two."""
     series: dict[str, Array] = {}
-    position = {time: i for i, time in enumerate(grid.points)}
+    position = {time: i for i, time in enumerate(phase.record.grid.points)}
     for component in phase.component_objects(Complementarity, descend_into=False):
         for index, data in component.items():
             time, *labels = index if isinstance(index, tuple) else (index,)
@@ -228,6 +219,6 @@ def pairs_of_phase(phase: Any, grid: Grid) -> dict[str, Array]:
             name = component.local_name + "".join(f"[{label}]" for label in labels)
             for pair in canonical_form(data).pairs:
                 label = f"{name} ({pair.role})" if pair.role else name
-                sides = series.setdefault(label, np.full((2, len(grid.points)), np.nan))
+                sides = series.setdefault(label, np.full((2, len(position)), np.nan))
                 sides[:, position[time]] = side_values(pair, np.nan)
     return series

@@ -6,13 +6,15 @@ from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from pyomo.core.base.expression import Expression
+from pyomo.core.base.set import Any as AnyIndex
 from pyomo.core.expr.relational_expr import RelationalExpression
 
 from pyrobocop_pyomo.complementarity import Complementarity, form_of
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.modeling.expression_arrays import array, plain_expressions
+from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions
 from pyrobocop_pyomo.modeling.time_index import TimeIndex
-from pyrobocop_pyomo.modeling.variable_families import FamilyNames
+from pyrobocop_pyomo.modeling.variable_families import FamilyNames, VariableFamily
 from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.templates.slots import Place, Slot
 from pyrobocop_pyomo.templates.template import Reading, Template
@@ -78,12 +80,12 @@ class PhaseRecord:
     families : dict of name to FamilyNames
         Vectors and matrices, whose components are declarations of their own.
     statements : list of Statement
-        Every rule, in the order stated.
+        Every rule, in the order stated; named expressions over the points among them, which laws of this package state.
     equation_of : dict of state name to the name of the rule that gives its derivative, or its value an element later
     discrete_states : set of str
         States that a step map leads from element to element: they have no derivative.
     rates : dict of state name to mapping of collocation point to expression
-        Right-hand sides that were substituted.
+        Right-hand sides that were substituted; of states that a step map leads, the values an element later.
     kept_derivatives : set of str
         States whose derivative is a variable of its own.
     made : set of str
@@ -100,8 +102,6 @@ class PhaseRecord:
         Units of time; rows and integrals carry them where they are given.
     width_factors : (smallest, largest) or None
         Between which the width of each element may change, where the boundaries are variables.
-    expressions : list of Statement
-        Named expressions over the points that laws of this package have stated.
     integrals : list of Statement
         Integrands of the integrals that were handed out, in the order of the members that stand for them.
     values_at_times : list of (name, time index)
@@ -137,7 +137,6 @@ class PhaseRecord:
     allow_higher_index: bool = False
     time_units: Any = None
     width_factors: Bounds | None = None
-    expressions: list[Statement] = field(default_factory=list)
     integrals: list[Statement] = field(default_factory=list)
     values_at_times: list[tuple[str, float]] = field(default_factory=list)
     named_times: set[float] = field(default_factory=set)
@@ -182,8 +181,8 @@ class PhaseRecord:
 
     @property
     def rules(self) -> list[Statement]:
-        """Every rule over the points, in the order in which another mesh takes them."""
-        return [*self.expressions, *self.statements, *self.integrals]
+        """Every rule, and every integrand."""
+        return [*self.statements, *self.integrals]
 
 
 def place(block: Any, name: str, component: Any) -> Any:
@@ -217,6 +216,28 @@ def add_generated(block: Any, name: str, component: Any) -> Any:
     return place(block, name, component)
 
 
+def hand_out(block: Any, name: str, entries: list[Any], entry: Any, expression: Any) -> Any:
+    """A member of a named expression, for components of the user's: it is another expression on another mesh.
+
+    Parameters
+    ----------
+    block : PhaseBlock
+    name : str
+        Of the named expression.
+    entries : list
+        Of the record: what each member stands for. This one is added.
+    entry : object
+    expression : expression
+        On the grid that the phase has now.
+    """
+    if block.component(name) is None:
+        add_generated(block, name, Expression(AnyIndex))
+    entries.append(entry)
+    members = block.component(name)
+    members[len(entries)] = expression
+    return members[len(entries)]
+
+
 class PreviousStates:
     """The states where an element starts, by name: ``previous.x``. A step map gets them as its third argument.
 
@@ -241,8 +262,7 @@ class PreviousStates:
         if name.startswith("_"):
             raise AttributeError(name)
         if name in self._families:
-            members = self._families[name].members
-            return array([getattr(self, member) for member in members]).reshape(self._families[name].shape)
+            return VariableFamily(self, self._families[name]).array_of(lambda member: member)
         if name not in self._values:
             raise ModelError(
                 f"{self._what} reads previous.{name}; only states have a value where an element starts; those of the "

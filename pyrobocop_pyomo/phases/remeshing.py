@@ -29,11 +29,13 @@ from pyrobocop_pyomo.modeling.blocks import BuiltBlockData
 from pyrobocop_pyomo.modeling.bulk_parts import put_part
 from pyrobocop_pyomo.modeling.in_place_changes import InPlaceChanges, expressions_of, state_anew
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
+from pyrobocop_pyomo.modeling.variable_values import within_bounds
 from pyrobocop_pyomo.numerics import Grid
+from pyrobocop_pyomo.templates.slots import Always
 from pyrobocop_pyomo.templates.template import same_results
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .declarations import Bounds, Control, within
+from .declarations import Bounds, Control
 from .delays import restate_values_at_times
 from .equations import add_derivative, add_statement, restate_integrals
 from .horizon import add_boundaries, make_mesh
@@ -206,11 +208,12 @@ def _user_reading(model: Any, grids: Mapping[Any, Grid]) -> str | None:
     others = {id(part): "" for phase, grid in grids.items() for part in _only_on_this_mesh(phase, grid)}
     for phase in grids:
         for statement in phase.record.rules:
-            for leaf in statement.rule.readings(phase):
-                if id(leaf) in others:
+            formulas: Any = statement.rule.formulas(phase)
+            for slot in formulas.slots:
+                if isinstance(slot, Always) and id(slot.component) in others:
                     return (
-                        f"phase '{phase.name}': its {statement.kind} '{statement.name}' reads '{leaf.name}' at all "
-                        "times, which another mesh may not have. Write x.at(time), which follows the mesh."
+                        f"phase '{phase.name}': its {statement.kind} '{statement.name}' reads '{slot.component.name}' "
+                        "at all times, which another mesh may not have. Write x.at(time), which follows the mesh."
                     )
     times = _times_of(grids)
     for block in _built_blocks(model):
@@ -402,7 +405,7 @@ class PhaseOnGrid:
         ModelError
             When one cannot be stated on the new mesh.
         """
-        for statement in (*self._record.expressions, *self._record.statements):
+        for statement in self._record.statements:
             try:
                 add_statement(self._block, statement)
             except (LookupError, ValueError, TypeError, ArithmeticError, AttributeError) as error:
@@ -490,7 +493,7 @@ class PhaseOnGrid:
         for name, numbers in now.sampled(self._plan, times).items():
             for variable, number in zip(now.variables[name], numbers.tolist(), strict=True):
                 if id(variable) not in kept:
-                    variable.set_value(within(number, variable.bounds), skip_validation=True)
+                    variable.set_value(within_bounds(number, variable), skip_validation=True)
 
     def _set_for_all(self, name: str, declared: Bounds, position: Mapping[int, int], nodes: Nodes) -> Any | None:
         """One of the variables, if the user has set bounds of all alike or fixed all; None if they are as declared.

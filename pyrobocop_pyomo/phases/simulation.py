@@ -306,9 +306,8 @@ class _Run:
             return {name: of[..., : lengths[of.shape[-1]]] for name, of in values.items()}
 
         groups = ("states", "signals", "rates", "pairs", "expressions")
-        return replace(
-            whole, grid=grid, piecewise_linear={}, **{group: begun(getattr(whole, group)) for group in groups}
-        )
+        begins: dict[str, Any] = {group: begun(getattr(whole, group)) for group in groups}
+        return replace(whole, grid=grid, piecewise_linear={}, **begins)
 
 
 def find_unknowns(

@@ -12,11 +12,12 @@ from typing import Any
 
 import numpy as np
 from pyomo.core.expr.numvalue import value
-from pyomo.core.expr.relational_expr import EqualityExpression, RelationalExpression
+from pyomo.core.expr.relational_expr import EqualityExpression
 
 from pyrobocop_pyomo.complementarity import CanonicalForm, Complementarity, canonical_form
 from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS
 from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
+from pyrobocop_pyomo.modeling.row_violations import sides_of_row
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.mixed_complementarity import ComplementarityValues, MixedComplementarity
 
@@ -59,10 +60,8 @@ def statements_of(label: str, form: CanonicalForm) -> tuple[list[Any], list[Pair
 
 def zero_of(row: Any) -> Any:
     """What is zero where an equality holds, in all the ways that rules may write it."""
-    if not isinstance(row, (tuple, RelationalExpression)):
-        return row
-    parts = row if isinstance(row, tuple) else row.args
-    return parts[1] - parts[0]  # of (lower, body, upper) too
+    body, lower, _ = sides_of_row(row)
+    return body - lower
 
 
 def as_tuple(label: Hashable) -> tuple[Any, ...]:
@@ -112,7 +111,7 @@ def by_points(block: Any, unknown: Sequence[str], contact: bool) -> list[StepEqu
     kept, grid = sorted(record.kept_derivatives), record.grid
     derivatives = {name: block.component(f"{name}_derivative") for name in kept}
     names = record.names_of_states
-    rates = {name: derivatives[name] if name in kept else given_at_points(block, name) for name in names}
+    rates = {name: derivatives[name] if name in kept else record.rates[name] for name in names}
     signals = {name: dict(zip(grid.points, record.nodes(name).variables(block), strict=True)) for name in unknown}
     rows = [f"{name}_equation" for name in kept if name in record.equation_of]
     rows += [statement.name for statement in record.statements_of("residual")]
@@ -131,17 +130,6 @@ def by_points(block: Any, unknown: Sequence[str], contact: bool) -> list[StepEqu
             name = labelled(data.parent_component().local_name, tuple(labels))
             found[t].add(name, *statements_of(name, canonical_form(data)))
     return list(found.values())
-
-
-def given_at_points(block: Any, name: str) -> Mapping[float, Any]:
-    """What an ode or a step map gives for a state at the points of the mesh."""
-    record: PhaseRecord = block.record
-    if name not in record.discrete_states:
-        return record.rates[name]
-    # Rows of a step: the state at the end of the element less what is stated.
-    state, steps = block.component(name), block.component(f"{name}_step")
-    ends = {t: record.grid.node_times[i][-1] for t, i in record.grid.element_of.items()}
-    return {t: state[ends[t]] - row.body for t, row in steps.items()}
 
 
 def pairs_on_model(block: Any) -> list[tuple[Any, Any]]:

@@ -23,6 +23,7 @@ from pyomo.core.expr.numvalue import NumericValue, native_numeric_types, value
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.bulk_parts import new_row
 from pyrobocop_pyomo.modeling.time_index import point_of
+from pyrobocop_pyomo.modeling.variable_values import within, within_bounds
 from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.numerics.rounding import ROUNDING
 from pyrobocop_pyomo.presentation import one_line
@@ -30,7 +31,7 @@ from pyrobocop_pyomo.templates.slots import Item
 from pyrobocop_pyomo.templates.template import Reading, TimeTemplate
 from pyrobocop_pyomo.transcription import continuity_rows
 
-from .declarations import Bounds, Control, Declaration, Parameter, State, check_bounds, within
+from .declarations import Bounds, Control, Declaration, Parameter, State, check_bounds
 from .delays import delayed_value, value_at, value_at_time
 from .horizon import real_time
 from .nodes import IntervalNodes, KnotNodes, Nodes, initial_number
@@ -310,7 +311,7 @@ def _stay_at_stated_end(variable: Any, state: State, times: Sequence[float]) -> 
     stated = [time for time, end in ends.items() if variable[time].fixed or isinstance(end, NumericValue)]
     for time, data in variable.items() if stated else ():
         if time not in stated:
-            data.set_value(within(variable[stated[0]].value, data.bounds), skip_validation=True)
+            data.set_value(within_bounds(variable[stated[0]].value, data), skip_validation=True)
 
 
 def _impose_boundary_value(variable: Any, given: float | Bounds | None, label: str, where: str) -> None:

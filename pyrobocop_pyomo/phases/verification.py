@@ -17,6 +17,7 @@ from pyrobocop_pyomo.complementarity.pairs import part_of_side
 from pyrobocop_pyomo.errors import TrajectoryError
 from pyrobocop_pyomo.modeling.activity import foreign_read, foreign_variable
 from pyrobocop_pyomo.modeling.failures import failures_as
+from pyrobocop_pyomo.modeling.in_place_changes import expressions_of
 from pyrobocop_pyomo.modeling.row_violations import bound_violation, sides_of_row
 from pyrobocop_pyomo.modeling.shared_nodes import shared_value, variables_in_any
 from pyrobocop_pyomo.numerics import Array
@@ -41,7 +42,6 @@ from .record import AT_BOUNDARIES, PhaseRecord, Statement
 from .reintegration import Reintegration, reintegrate
 from .rule_formulas import RuleFormulas
 from .stated_numbers import moving_end, rows_of_ends
-from .step_equations import given_at_points
 
 # What is violated by more than this does not hold; an error of an element above this, in sizes of the states, is a
 # coarse mesh; errors of the horizon are said to grow where they exceed the sum of those of the elements so many times.
@@ -84,8 +84,6 @@ class Verification(Presented):
         What could not be checked, and why.
     element_errors : array, shape (N,), or None
         The re-integration error of each element; `element_error` is the largest.
-    integral_errors : dict of name to array, shape (N,)
-        Of each integral over each element; its name is that of its rule, numbered in the order stated.
     relative_error : float or None
         The largest of `element_errors` where that of each state is divided by its size.
     contact : bool
@@ -108,7 +106,6 @@ class Verification(Presented):
     integral_error: float | None = None
     remarks: tuple[str, ...] = field(default=())
     element_errors: Array | None = field(default=None, repr=False, compare=False)
-    integral_errors: Mapping[str, Array] = field(default_factory=dict, repr=False, compare=False)
     relative_error: float | None = field(default=None, repr=False, compare=False)
     contact: bool = field(default=False, repr=False, compare=False)
     bounds_passed: Mapping[str, BoundPassed] = field(default_factory=dict, repr=False, compare=False)
@@ -228,7 +225,7 @@ def verify(block: Any, trajectory: Trajectory) -> Verification:
         at_ends, of_pairs = check.at_given_ends()  # the last: it uses up the formulas
         ends = None if motion is None else motion.end_errors(motion.local, trajectory)
         gained = {} if motion is None else motion.integrals
-        integrals = {name: np.abs(planned - moved) for name, (planned, moved) in gained.items()}
+        integrals = (float(np.abs(planned - moved).sum()) for planned, moved in gained.values())
         horizon = None if motion is None else float(motion.end_errors(motion.open_loop, trajectory).max())
         return Verification(
             defect=defect,
@@ -240,10 +237,9 @@ def verify(block: Any, trajectory: Trajectory) -> Verification:
             element_error=None if ends is None else float(ends.max()),
             horizon_error=horizon,
             motion_error=None if motion is None else float(motion.errors.max()),
-            integral_error=max((float(errors.sum()) for errors in integrals.values()), default=None),
+            integral_error=max(integrals, default=None),
             remarks=tuple(check.remarks),
             element_errors=ends,
-            integral_errors=integrals,
             relative_error=None if motion is None else check.relative_error(motion),
             contact=bool(record.statements_of("complementarity")),
             bounds_passed=passed,
@@ -259,7 +255,6 @@ class _TrajectoryCheck:
         self.indices = record.grid if self.on_grid else indices_of(record, trajectory.grid)
         self.formulas = RuleFormulas(block, trajectory.grid, coupled_phases_of(block, trajectory.grid))
         self.states = {name: trajectory.element_states(name) for name in trajectory.states}
-        self.signals = {name: trajectory.element_signals(name) for name in trajectory.signals}
         self.slopes = {name: self._slopes(name) for name in self.states}
         self.remarks: list[str] = []
         self.statements = list(record.statements)
@@ -289,8 +284,7 @@ class _TrajectoryCheck:
         of_states = [name for name, of in self.record.equation_of.items() if of == statement.name]
         names = [statement.name, *(f"{name}_{of}" for name in of_states for of in ("collocation", "equation", "step"))]
         rows = (data for name in names for data in (self.block.component(name) or {}).values())
-        sides = (data.args if data.ctype is Complementarity else [data.body] for data in rows)
-        return variables_in_any(chain.from_iterable(sides)).values()
+        return variables_in_any(chain.from_iterable(map(expressions_of, rows))).values()
 
     def _stated(self, kind: str) -> list[Statement]:
         return [statement for statement in self.statements if statement.kind == kind]
@@ -322,8 +316,6 @@ class _TrajectoryCheck:
         # Not the polynomials, but the values at the stages themselves.
         first = 0 if self.grid.scheme.starts_on_a_stage else 1  # an element start, or an end, may be none
         at.values |= {name: of[:, first : first + self.grid.scheme.stages].T for name, of in self.states.items()}
-        at.values |= {name: of.T for name, of in self.signals.items()}
-        at.slopes = {name: of.T for name, of in self.slopes.items()}
         rates = {name: slopes.T for name, slopes in self.slopes.items()}
         of_steps = equations = natural = product = 0.0
         for statement in self._stated("ode"):
@@ -347,8 +339,7 @@ class _TrajectoryCheck:
             return dict(zip(stated, at.values_stated([*stated.values()], statement), strict=True))
         found = {}
         for name in (name for name, of in self.record.equation_of.items() if of == statement.name):
-            given = given_at_points(self.block, name)
-            in_order = [given[t] for times in self.indices.stage_times for t in times]
+            in_order = [self.record.rates[name][t] for times in self.indices.stage_times for t in times]
             found[name] = self._values_on_model(in_order, statement).reshape(-1, self.grid.scheme.stages).T
         return found
 
@@ -471,7 +462,8 @@ class _TrajectoryCheck:
             if control.levels is None:
                 continue
             family = next((of for of in self.record.families.values() if control.one_of and name in of.members), None)
-            values = [self.signals[member][:, 0] for member in ((name,) if family is None else family.members)]
+            members = (name,) if family is None else family.members
+            values = [self.trajectory.element_signals(member)[:, 0] for member in members]
             levels = np.abs(np.array(values)[:, :, None] - np.array(control.levels)).argmin(axis=2)
             switches = np.flatnonzero(np.diff(levels, axis=1).any(axis=0))
             if control.max_switches is not None:

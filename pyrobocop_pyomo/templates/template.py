@@ -205,11 +205,6 @@ class Template:
         """Whether the rule gives formulas for all times, given what it would get at one."""
         return self.formulas(block, *more) is not None
 
-    def readings(self, block: Any, *more: Any) -> list[Any]:
-        """Variables and parameters at given points that a template reads at all times."""
-        formulas = self.formulas(block, *more)
-        return [] if formulas is None else formulas.readings
-
     def _answer(self, block: Any, more: tuple[Any, ...]) -> _Answer:
         if block not in self._answers:
             self._answers[block] = _Answer(_formulas_of(self.rule, block, more), _grid_of(block))
@@ -380,11 +375,6 @@ class _Formulas:
             else type(slot) is Item and slot.component.ctype is Var
             for slot in self._steps.leaves
         )
-
-    @property
-    def readings(self) -> list[Any]:
-        """What is read other than at the time."""
-        return [slot.component for slot in self._steps.leaves if isinstance(slot, Always)]
 
 
 def _slot_of(node: Any, time: TimeTemplate, named: dict[Item, NamedItem]) -> Slot | None:
