@@ -182,6 +182,18 @@ class Trajectory(Presented):
             "points and duration."
         )
 
+    def __getitem__(self, name: str) -> Any:
+        """The values by name: ``trajectory["theta"]`` is ``trajectory.theta``."""
+        if not isinstance(name, str):
+            raise TypeError(
+                f"trajectory '{self.name}' is indexed by names, not by {name!r}: trajectory['x'] are the values at "
+                "trajectory.time, trajectory(0.5)['x'] is the value at one time."
+            )
+        try:
+            return getattr(self, name)
+        except AttributeError as error:
+            raise KeyError(str(error)) from None
+
     @cached_property
     def time(self) -> Array:
         """Times of the states, shape ``(T,)``."""

@@ -106,7 +106,7 @@ def test_expressions_over_time_are_read_as_states_and_controls_are(scheme: Any, 
     trajectory = b.trajectory()
     assert trajectory.names == ["x", "twice", "u", "l", "power", "unknown"]
     np.testing.assert_allclose(trajectory.twice, 2 * trajectory.x)
-    np.testing.assert_allclose(trajectory.power, np.full(trajectory.points.shape, 9.0))
+    np.testing.assert_allclose(trajectory["power"], np.full(trajectory.points.shape, 9.0))
     assert np.isnan(trajectory.unknown).all()
     assert (trajectory(0.7)["twice"], trajectory(0.7)["power"]) == pytest.approx((3.4, 9.0))
     assert trajectory.verify().largest_violation < 1e-12
