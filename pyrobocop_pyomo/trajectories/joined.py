@@ -93,6 +93,11 @@ class JoinedTrajectory(Presented):
         """Start of each phase, and the end of the last, shape ``(len(parts) + 1,)``."""
         return np.array([self.parts[0].time[0], *(part.time[-1] for part in self.parts)])
 
+    @property
+    def duration(self) -> float:
+        """Length of all phases together."""
+        return float(self.boundaries[-1] - self.boundaries[0])
+
     def __call__(self, t: ArrayLike, *, after: bool = False) -> dict[str, Any]:
         """Values of every state, algebraic, control and expression at given times; NaN where a phase has no such name.
 

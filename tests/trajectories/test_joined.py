@@ -31,6 +31,7 @@ def test_the_second_starts_where_the_first_ends_and_jumps_stay() -> None:
     m = phases()
     joined = rcp.join_trajectories([m.a, m.b.trajectory()])
     assert joined.boundaries.tolist() == [1, 3, 4]
+    assert joined.duration == 3
     assert joined.names == ["x", "y", "u", "w"]
     assert joined.time[joined.time == 3].size == 2
     assert joined.x[joined.time == 3].tolist() == [3, 13]
