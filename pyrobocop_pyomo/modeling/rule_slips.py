@@ -145,7 +145,7 @@ def slip_of(rule: Any, error: Exception, block: Any, arguments: Sequence[str]) -
         return f"its rule rounds a variable, or takes a remainder. {remedy_for('floor')}"
     if type(block).__name__ in text or "BlockProxy" in text:
         return block_as_number(block, arguments)
-    if "unhashable type: 'VarData'" in text:
+    if "unhashable type: 'VarData'" in text or "unhashable type: 'ExpressionArray'" in text:
         return "its rule gives a variable at one time as a key. Keys are whole states: {b.x: ...}, not {b.x[t]: ...}."
     if "for ^" in text:
         return "its rule has '^', which is no power in Python. Write b.x[t] ** 2."
@@ -153,6 +153,8 @@ def slip_of(rule: Any, error: Exception, block: Any, arguments: Sequence[str]) -
         return "its rule computes with None. Is a return statement missing, or a variable without value read by .value?"
     if _FAMILY.search(text) is not None:
         return forgotten_index(arguments[1])
+    if "tuple" in text:
+        return "its rule computes with a tuple. Is there a comma too many behind one of its terms?"
     return None
 
 

@@ -5,6 +5,7 @@ An objective that holds an integral follows when the phase gets another mesh.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from itertools import count
 from typing import Any
@@ -108,10 +109,18 @@ def _given_for_states(block: Any, statement: Statement, time: float, *more: Prev
         name = block.state_name(state)
         expression = plain_scalar(expression, f"{label}: the {meaning} of '{name}' at t = {time:g}")
         if expression.__class__ not in native_numeric_types and not _is_numeric(expression):
+            remedy = "Is an index [t] missing?"
+            if expression is None:
+                remedy = "Is a return statement missing in a function that the rule calls?"
+            elif isinstance(expression, (tuple, list)):
+                expression = f"[{', '.join(map(str, expression))}]"
+                remedy = "Give one, without brackets or a comma behind it; several are for a state with index=."
             raise ModelError(
                 f"{label} gives '{expression}' as the {meaning} of '{name}' at t = {time:g}; expected a "
-                "number or an expression. Is an index [t] missing?"
+                f"number or an expression. {remedy}"
             )
+        if expression.__class__ in native_numeric_types and not math.isfinite(expression):
+            raise ModelError(f"{label} gives {expression} as the {meaning} of '{name}' at t = {time:g}; give a number.")
         if name in given:
             raise ModelError(f"{label} gives the {meaning} of '{name}' twice at t = {time:g}; give one.")
         given[name] = expression

@@ -164,7 +164,7 @@ def _split_bounds(names: FamilyNames, given: Any, label: str) -> list[Any]:
     listed = given.tolist() if isinstance(given, np.ndarray) else given
     found = names.split(listed) if _is_listed(listed) else None
     if found is None or not all(entry is None or _is_pair(entry) for entry in found):
-        raise _wrong_length(ModelError, label, given, names, "pairs (lower, upper)")
+        raise _wrong_length(ModelError, label, given, names, "pairs (lower, upper), or one for all")
     return [None if entry is None else tuple(entry) for entry in found]
 
 
@@ -202,7 +202,7 @@ _SPLIT_BY: dict[str, Callable[[FamilyNames, Any, str], list[Any]]] = {
 
 
 def _wrong_length(
-    error: type[PyRobocopError], label: str, given: Any, names: FamilyNames, expected: str = "entries"
+    error: type[PyRobocopError], label: str, given: Any, names: FamilyNames, expected: str = "entries, or one for all"
 ) -> PyRobocopError:
     if isinstance(given, Mapping):
         has = f"the labels {', '.join(map(str, given))}"
@@ -210,7 +210,7 @@ def _wrong_length(
         has = f"shape {np.array(given, dtype=object).shape}"
     return error(
         f"{label}: has {has}, but '{names.name}' has the labels {', '.join(map(str, names.labels))} (shape "
-        f"{names.shape}). Give {len(names.labels)} {expected}, or one for all."
+        f"{names.shape}). Give {len(names.labels)} {expected}."
     )
 
 
@@ -253,7 +253,7 @@ def equations_by_component(record: PhaseRecord, result: Mapping[Any, Any], what:
         entries = names.split(given) if _is_listed(given) else None
         if entries is None:
             listed = given if _is_listed(given) else 0.0
-            raise _wrong_length(ModelError, f"{what} gives for '{names.name}' what", listed, names)
+            raise _wrong_length(ModelError, f"{what}: what it gives for '{names.name}'", listed, names, "entries")
         return entries
 
     return _by_component(record, result, entries_of)

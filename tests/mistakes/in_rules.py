@@ -175,6 +175,21 @@ def a_power_of_another_language(b: Any, followed: bool) -> None:
     b.ode(lambda b, t: {b.x: b.v[t] ** 2 if followed else b.v[t] ^ 2, b.v: b.u[t]}, name="o")
 
 
+@refused("ode 'o'", "derivative of 'x'", "without brackets or a comma behind it")
+def a_comma_too_many(b: Any, followed: bool) -> None:
+    b.ode(lambda b, t: {b.x: b.v[t] if followed else (b.v[t],), b.v: b.u[t]}, name="o")
+
+
+@refused("ode 'o'", "derivative of 'x'", "return statement missing")
+def a_derivative_of_a_function_that_returns_nothing(b: Any, followed: bool) -> None:
+    b.ode(lambda b, t: {b.x: b.v[t] if followed else None, b.v: b.u[t]}, name="o")
+
+
+@refused("ode 'o'", "derivative of 'x'", "nan")
+def a_number_that_does_not_exist(b: Any, followed: bool) -> None:
+    b.ode(lambda b, t: {b.x: b.v[t] if followed else math.nan, b.v: b.u[t]}, name="o")
+
+
 @refused("integrand", "returned a list", "one number or formula")
 def a_list_as_integrand(b: Any, followed: bool) -> None:
     b.integral((lambda b, t: b.u[t] + b.v[t]) if followed else (lambda b, t: [b.u[t], b.v[t]]))

@@ -205,7 +205,7 @@ def state(**options: Any) -> Callable[[Any], None]:
         (state(index="ab"), ModelError, "index = 'ab'"),
         (state(index=[]), ModelError, "none, or not all different"),
         (state(index=2, initial=[0, np.nan]), ModelError, "y_1"),
-        (lambda b: b.ode(lambda b, t: {b.x: [1, 2]}), ModelError, "gives for 'x' .*3 entries"),
+        (lambda b: b.ode(lambda b, t: {b.x: [1, 2]}), ModelError, "gives for 'x': .*3 entries"),
         (lambda b: b.initialize(x=[1, 2]), InitialGuessError, r"given for 'x': has shape \(2,\)"),
         (lambda b: b.x[3, 0.0], ModelError, "labels are 0, 1, 2"),
         (lambda b: A @ b.x, ModelError, r"Is an index \[t\] missing"),
