@@ -39,10 +39,7 @@ class Ode:
     def at(self, time: float) -> dict[str, Any]:
         """Right-hand sides by the names of the states."""
         if time not in self._known:
-            record: PhaseRecord = self.block.record
-            self._known[time] = self._by_state(
-                self.statement(self.block, record.index_for_rule(self.block, time, self.label))
-            )
+            self._known[time] = self._by_state(self.statement(self.block, time))
         return self._known[time]
 
     @cached_property
@@ -179,8 +176,7 @@ class StatedRows(RowRule):
         """The row of a time, and of a label where there are several."""
         time, label = self._parts(index)
         if self._last is None or self._last[0] != time:
-            at = block.record.index_for_rule(block, time, self._statement.name)
-            self._last = time, self._statement.rows(self._statement(block, at))
+            self._last = time, self._statement.rows(self._statement(block, time))
         row = self._last[1][label]
         return row if isinstance(row, RelationalExpression) else row == 0
 
