@@ -19,7 +19,7 @@ from pyomo.core.base.external import PythonCallbackFunction
 from pyomo.core.base.objective import ObjectiveData
 from pyomo.core.base.set import Any as AnyIndex
 from pyomo.core.base.var import Var, VarData
-from pyomo.core.expr.numeric_expr import ExternalFunctionExpression, MonomialTermExpression
+from pyomo.core.expr.numeric_expr import ExternalFunctionExpression
 from pyomo.core.expr.numvalue import native_numeric_types
 
 from pyrobocop_pyomo.complementarity.preconditions import only_objective
@@ -252,14 +252,6 @@ class Terms:
             kind = kinds[node.__class__]
             if kind == SUMMATION:
                 for argument in reversed(node.args):
-                    # The quick way of the most frequent case: a number times a variable that was met before.
-                    if argument.__class__ is MonomialTermExpression and not factors:
-                        coefficient, variable = argument.args
-                        column = column_of.get(id(variable))
-                        if column is not None and coefficient.__class__ is float:
-                            columns.append(column)
-                            coefficients.append(scale * coefficient)
-                            continue
                     pending.append((argument, scale, factors))
             elif kind == LEAF and not factors:
                 column = column_of.get(id(node))

@@ -6,7 +6,6 @@ nothing of what a solver was given is used, neither its functions nor its deriva
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from operator import attrgetter
 from typing import Any
@@ -14,21 +13,17 @@ from typing import Any
 import numpy as np
 from pyomo.common.gc_manager import PauseGC
 from pyomo.core.expr.numeric_expr import NegationExpression, SumExpression
-from pyomo.core.expr.numvalue import native_types
 
 from pyrobocop_pyomo.errors import EvaluationError, ModelError
 from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS, CALL
 from pyrobocop_pyomo.modeling.functions import is_function_call
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan
 from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, RowByRule, content_of, sums_of
-from pyrobocop_pyomo.modeling.shared_nodes import NodeValues, topmost_nodes
+from pyrobocop_pyomo.modeling.shared_nodes import topmost_nodes
 from pyrobocop_pyomo.numerics import Array
 
 from .model_checks import number_in
 from .term_groups import Columns, NodeKinds, NonlinearTerm, TermGroup, TermGroups, decoded, repetitions
-
-# From so many terms on, a sum is evaluated as arrays.
-MANY_TERMS = 100
 
 _VALUE = attrgetter("value")
 
@@ -104,64 +99,23 @@ def _content(node: Any) -> Any:
     return node._fcn
 
 
-class RowTerms:
-    """The terms that expressions add up, and how large they are: how well a sum can be met depends on them.
+def largest_terms(expressions: Iterable[Any]) -> Array:
+    """Magnitude of the largest term that each expression adds up now, numbers apart, and those without a value.
+
+    How well a sum can be met depends on it.
 
     Parameters
     ----------
-    expressions : sequence of expressions, variables or numbers
+    expressions : iterable of expressions, variables or numbers
     """
-
-    def __init__(self, expressions: Sequence[Any]) -> None:
-        terms = [list(topmost_nodes((expression,), _is_term)) for expression in expressions]
-        self._count = len(terms)
-        self._rows = np.repeat(np.arange(self._count), list(map(len, terms)))
-        self._terms = [term for several in terms for term in several]
-        # Few rows are looked at once: arrays take longer to make than they save.
-        self._arrays = RowValues(self._terms) if len(self._terms) >= MANY_TERMS else None
-
-    def largest(self) -> Array:
-        """Magnitude of the largest term of each expression now, numbers apart, and those without a value."""
-        sizes = np.zeros(self._count)
-        values = np.array(list(map(number_or_nan, self._terms))) if self._arrays is None else self._arrays.values()
-        np.fmax.at(sizes, self._rows, np.abs(values))
-        return sizes
+    terms = (map(number_or_nan, topmost_nodes((expression,), _is_term)) for expression in expressions)
+    return np.array([np.fmax.reduce(np.abs([0.0, *several])) for several in terms], dtype=float)
 
 
 def _is_term(node: Any) -> bool:
     if not node.is_expression_type():
         return True
     return not (node.is_named_expression_type() or isinstance(node, (SumExpression, NegationExpression)))
-
-
-class SumValue:
-    """Evaluates an expression in which long sums stand, as integrals are; their terms are evaluated as arrays.
-
-    Parameters
-    ----------
-    expression : expression, variable or number
-    """
-
-    def __init__(self, expression: Any) -> None:
-        self._expression = expression
-        terms: dict[int, Any] = {}
-        for total in topmost_nodes((expression,), _is_long_sum):
-            terms |= {id(part): part for part in total.args if part.__class__ not in native_types}
-        self._terms = list(terms.values())
-        self._values = RowValues(self._terms)
-
-    def value(self) -> float:
-        """Value now; NaN where there is none, or it is no real number."""
-        try:
-            known = dict(zip(map(id, self._terms), self._values.values().tolist(), strict=True))
-            number = NodeValues(known).of(self._expression)
-            return math.nan if number is None or isinstance(number, complex) else float(number)
-        except (ArithmeticError, ValueError, TypeError):
-            return math.nan
-
-
-def _is_long_sum(node: Any) -> bool:
-    return isinstance(node, SumExpression) and node.nargs() >= MANY_TERMS
 
 
 class BoundArrays:

@@ -17,7 +17,7 @@ from pyrobocop_pyomo.modeling.expressions import ExpressionBounds
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan, relation_violation
 from pyrobocop_pyomo.modeling.rows_by_rule import RowByRule, bounds_of, content_of, rows_by_component
 from pyrobocop_pyomo.numerics.rounding import MET, ROUNDING
-from pyrobocop_pyomo.programs.row_values import RowTerms, RowValues, SumValue, VariableBounds
+from pyrobocop_pyomo.programs.row_values import RowValues, VariableBounds, largest_terms
 
 from .ipopt_options import IPOPT_TOLERANCE
 from .iterates import Tolerances
@@ -53,15 +53,11 @@ class ModelCheck:
         objectives = list(model.component_data_objects(Objective, active=True))
         self.sign = -1.0 if len(objectives) == 1 and not objectives[0].is_minimizing() else 1.0
         self._objective = objectives[0].expr if len(objectives) == 1 else 0.0
-        self._sum: SumValue | None = None
         self._bodies: RowValues | None = None
-        self._terms: tuple[NDArray[np.intp], RowTerms] | None = None
 
     def objective(self) -> float:
         """The user's objective; NaN where it has no value."""
-        if self._sum is None:
-            self._sum = SumValue(self._objective)
-        return self._sum.value()
+        return number_or_nan(self._objective)
 
     def violated(self, tolerances: Tolerances) -> list[Violation]:
         """Constraints and bounds that do not hold within the tolerance of feasibility."""
@@ -112,9 +108,7 @@ class ModelCheck:
 
     def _relative(self, violations: NDArray[np.float64], rows: NDArray[np.intp]) -> NDArray[np.float64]:
         """Violations of some rows, divided by the sizes of these where they are above 1."""
-        if self._terms is None or not np.array_equal(self._terms[0], rows):
-            self._terms = rows, RowTerms([content_of(self._rows[k][0]) for k in rows.tolist()])
-        sizes = self._terms[1].largest()
+        sizes = largest_terms(content_of(self._rows[k][0]) for k in rows.tolist())
         return np.where(np.isfinite(sizes), violations[rows] / np.maximum(1.0, sizes), violations[rows])
 
 

@@ -14,7 +14,7 @@ from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.row_violations import bound_violation, number_or_nan
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.model_terms import Terms, collect_terms
-from pyrobocop_pyomo.programs.row_values import MANY_TERMS, RowValues, SumValue, VariableBounds
+from pyrobocop_pyomo.programs.row_values import RowValues, VariableBounds
 from pyrobocop_pyomo.programs.term_groups import Columns, decoded
 
 FORMS = {
@@ -83,34 +83,6 @@ def test_violated_bounds_of_variables(values: list[float | None], bound: float) 
         expected = [0.0 if v.value is None else bound_violation(v.value, v.lb, v.ub) for v in variables]
         np.testing.assert_array_equal(bounds.violations(), expected)
         m.p, m.x[4].lower = bound, bound  # what changes between two checks counts
-
-
-def test_long_sums_in_an_objective_have_the_value_that_pyomo_gives() -> None:
-    m = model(MANY_TERMS + 20)
-    m.integral = pyo.Expression(expr=m.p * sum(FORMS["powers"](m, i) for i in m.x))
-    for expression in (
-        m.integral,
-        3.0 * m.integral + pyo.sin(m.x[0]),
-        m.integral * m.integral - m.p,
-        sum(2.0 * m.x[i] for i in m.x) / m.integral,
-        pyo.exp(m.x[1]),
-        m.x[2],
-        4.0,
-    ):
-        total = SumValue(expression)
-        assert total.value() == pytest.approx(pyo.value(expression), rel=1e-13)
-        m.x[0] = m.x[0].value + 0.5
-        m.p = 2.0
-        assert total.value() == pytest.approx(pyo.value(expression), rel=1e-13)
-
-
-@pytest.mark.parametrize("number", [None, -1.0, math.nan])
-def test_a_long_sum_without_a_value_is_not_a_number(number: float | None) -> None:
-    m = model(MANY_TERMS)
-    total = SumValue(1.0 + sum(pyo.log(m.x[i]) for i in m.x))
-    assert total.value() == 1.0
-    m.x[7].set_value(number, skip_validation=True)
-    assert math.isnan(total.value())
 
 
 # --------------------------------------------------------------------
