@@ -193,11 +193,6 @@ class PairResidual:
         """``min(a, b)``: zero exactly where the pair is met, and the distance to that near it."""
         return min(self.a, self.b)
 
-    @property
-    def infeasibility(self) -> float:
-        """By how much the worse of ``a >= 0`` and ``b >= 0`` is violated, 0 if neither is."""
-        return max(0.0, -self.a, -self.b)
-
 
 def pair_residuals(pairs: Iterable[CanonicalPair]) -> list[PairResidual]:
     """Evaluate pairs at the current values.

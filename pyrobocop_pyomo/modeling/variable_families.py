@@ -144,10 +144,6 @@ class VariableFamily(NDArrayOperatorsMixin):
         """The home."""
         return self._home
 
-    def on(self, home: Any) -> VariableFamily:
-        """The same members on another block, or on a proxy."""
-        return VariableFamily(home, self.names, self._read)
-
     def of_each(self, read: Callable[[Any], Any]) -> VariableFamily:
         """Something of each member, such as its derivative."""
         return VariableFamily(self._home, self.names, read)

@@ -22,6 +22,7 @@ from pyomo.network import Port
 from pyomo.repn.util import categorize_valid_components
 
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
+from pyrobocop_pyomo.diagnosis.findings import quoted
 from pyrobocop_pyomo.diagnosis.statements import unfinished_findings
 from pyrobocop_pyomo.errors import EvaluationError, FunctionError, ModelError
 from pyrobocop_pyomo.modeling.activity import ONE_MODEL, foreign_read, foreign_variable
@@ -49,7 +50,7 @@ def refuse_unseen_components(model: BlockData) -> None:
     pairs = [component.name for ctype in PAIR_TYPES for component in unseen.get(ctype, ())]
     if pairs:
         raise ModelError(
-            f"'{model.name}': {_some(pairs)} {'holds' if len(pairs) == 1 else 'hold'} pairs, and Ipopt sees "
+            f"'{model.name}': {quoted(pairs)} {'holds' if len(pairs) == 1 else 'hold'} pairs, and Ipopt sees "
             "constraints only. Solve it by rcp.solve(m) or SolverFactory('pyrobocop.mpcc'), or make constraints of the "
             "pairs first: TransformationFactory('pyrobocop.relax_complementarity').apply_to(m)."
         )
@@ -61,10 +62,6 @@ def refuse_unseen_components(model: BlockData) -> None:
             f"'{model.name}' has active components that are no constraints, and that a solver would not see: {shown}. "
             "Transform them, or deactivate them."
         )
-
-
-def _some(names: list[str]) -> str:
-    return ", ".join(f"'{name}'" for name in names[:5]) + (", ..." if len(names) > 5 else "")
 
 
 def check_variables(model: BlockData, variables: list[VarData]) -> None:
@@ -83,7 +80,7 @@ def check_variables(model: BlockData, variables: list[VarData]) -> None:
     discrete = [variable.name for variable in variables if not variable.is_continuous()]
     if discrete:
         raise ModelError(
-            f"'{model.name}' has {len(discrete)} discrete variables ({_some(discrete)}); Ipopt solves continuous "
+            f"'{model.name}' has {len(discrete)} discrete variables ({quoted(discrete)}); Ipopt solves continuous "
             "problems only. Fix them, relax them with TransformationFactory('core.relax_integer_vars'), or use a "
             "mixed-integer solver; an integer control of a phase is Control(integer=(0, 1)), and rcp.solve rounds it."
         )

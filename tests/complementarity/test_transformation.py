@@ -271,7 +271,6 @@ def test_residuals_measure_product_distance_and_violation(a, b):
     assert residual.name == "cc"
     assert residual.product == a * b
     assert residual.natural == min(a, b)
-    assert residual.infeasibility == max(0, -a, -b)
     assert (residual.natural == 0) == (min(a, b) == 0)
 
 
