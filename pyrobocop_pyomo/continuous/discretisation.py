@@ -229,13 +229,15 @@ def _show_values(root: Any, rows: HoldingRows, discretisation: Discretisation) -
     hold = {id(row): row for row in definitions.values()}
     parts = undecided_parts(rows.undetermined, absent.keys())
     for part, ids in parts:
-        if hold.keys() >= set(map(id, part)):
+        if hold.keys() >= set(map(id, part)) and rows.asked_for.isdisjoint(ids):
             continue  # with the values that controls show
         if all(rows.is_first(absent[key][1]) for key in ids):
             # The model may fix later what is left to choose, and an implicit equation of derivatives gives them.
             hold.update((id(row), row) for row in part)
             for key in rows.given_by_shown_values(part, ids, sources.keys(), definitions) or ids:
                 del absent[key]
+    for key in rows.asked_for & absent.keys() - sources.keys() - definitions.keys():
+        del absent[key]
     for pair, held in rows.first_pairs:
         if absent.keys().isdisjoint(held) and not in_pairs.isdisjoint(held):
             hold[id(pair)] = pair

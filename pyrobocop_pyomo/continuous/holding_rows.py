@@ -68,6 +68,8 @@ class HoldingRows:
         Ids of the variables in rows that hold.
     undetermined : list of (ConstraintData, variables)
         Equations that were deactivated because they leave variables undetermined.
+    asked_for : set of int
+        Ids of variables at the first point that other rows hold, such as ``dx[0] == 0``.
     first_pairs : list of (pair, ids of its variables)
         At the first point: a pair holds there where all its variables do, and the value of a neighbour would violate
         it.
@@ -86,6 +88,7 @@ class HoldingRows:
         self._held: list[Any] = []  # equations that hold in any case where the set starts, or anywhere
         self.used: set[int] = set()
         self.undetermined: list[tuple[Any, list[Any]]] = []
+        self.asked_for: set[int] = set()
         self.first_pairs: list[tuple[Any, Collection[int]]] = []
         self._find_candidates()
 
@@ -246,13 +249,33 @@ class HoldingRows:
                 self._deactivate(data)
         for key in candidates.keys() - determined:
             self.absent[key] = candidates[key]
-            if key in needed:
+            if key in needed and not self._is_initial_condition(*candidates[key]):
                 raise self._refusal(*candidates[key])
         self.used |= determined
 
     def _user_of(self, variable: Any) -> Any:
         """A row that holds in any case and has a variable."""
         return next(row for row in self._inside if any(held is variable for held in variables_of_row(row)))
+
+    def _is_initial_condition(self, variable: Any, time: float) -> bool:
+        """True, and noted, for a variable in an equation of its own at the first point, which others there can meet.
+
+        An equation of controls alone is none: nothing else would know of it.
+        """
+        row = self._user_of(variable)
+        if row.ctype is not Constraint or not row.equality or not self.is_first(time):
+            return False
+        # As many unknowns as the other rows there can give, derivatives before others.
+        rates = [key for key, (data, _) in self.candidates.items() if self._is_rate(data)]
+        holding: dict[int, list[int]] = {key: [] for key in (*rates, *self.candidates)}
+        for i, (_, variables) in enumerate(self.undetermined):
+            for key in holding.keys() & map(id, variables):
+                holding[key].append(i)
+        given = {list(holding)[i] for i in Matching(holding.values(), range(len(self.undetermined))).row_of.values()}
+        if (given | self._states).isdisjoint(map(id, variables_of_row(row))):
+            return False
+        self.asked_for.add(id(variable))
+        return True
 
     def _is_initial(self, variables: list[Any]) -> bool:
         """Whether the candidates among variables stand at the first point of the set."""
@@ -278,7 +301,7 @@ class HoldingRows:
         }
         rest = [[id(v) for v in variables_of_row(row) if id(v) in rates] for row in part if id(row) not in explicit]
         is_square = len(rest) == len(rates) == len(Matching(rest, rates).row_of)
-        is_free = ids - rates <= sources | definitions.keys()
+        is_free = self.asked_for.isdisjoint(ids) and ids - rates <= sources | definitions.keys()
         return rates if is_square and is_free else set()
 
     def what_follows(self, rows: Iterable[Any], ids: Collection[int]) -> tuple[Any, ...]:
@@ -306,8 +329,8 @@ class HoldingRows:
         name, scheme = self._domain.local_name, self._discretisation.grid.scheme.name
         return ModelError(
             f"'{self._user_of(variable).name}': holds '{variable.name}', but {scheme} has no collocation point at "
-            f"{name} = {time:g}: only states have a value there. Fix it, leave that point out, write an Integral for a "
-            f"sum over '{name}', or choose a scheme with a point there: radau has one at the end, lobatto at both ends."
+            f"{name} = {time:g}: only states have a value there. Leave that point out, write an Integral for a sum "
+            f"over '{name}', or choose a scheme with a point there: radau has one at the end, lobatto at both ends."
         )
 
 
