@@ -157,7 +157,11 @@ def _given_motion(
         name = signal.component.local_name
         return fractions[name], samples[name][interval].tolist()
 
-    return Motion(model, points, intervals, words, polynomial, **facts)
+    def refuse(signal: Item, early: bool) -> None:
+        if signal.component.local_name not in samples:
+            raise ObstacleError(f"'{signal.name}' is no state of trajectory '{model.name}'. {STATES_ONLY}")
+
+    return Motion(model, points, intervals, words, polynomial, refuse, **facts)
 
 
 def motion_along_paths(
@@ -252,15 +256,11 @@ def motion_along_trajectory(trajectory: Trajectory) -> Motion:
             model.add_component(name, Param(list(index), initialize=given))
     for name, value in trajectory.parameters.items():
         model.add_component(name, Param(initialize=value))
-    samples = trajectory.element_polynomials(np.linspace(0.0, 1.0, grid.scheme.stages + 2))
-
-    def refuse(signal: Item, early: bool) -> None:
-        if signal.component.local_name not in trajectory.states:
-            raise ObstacleError(f"'{signal.name}' is no state of trajectory '{trajectory.name}'. {STATES_ONLY}")
-
+    every = trajectory.element_polynomials(np.linspace(0.0, 1.0, grid.scheme.stages + 2))
+    samples = {name: every[name] for name in trajectory.states}
     words = f"the polynomials of the states of trajectory '{trajectory.name}' ({grid.scheme.name})"
     intervals = intervals_of_grid(grid)
-    return _given_motion(model, times, intervals, samples, words, refuse=refuse, has_equations=False)
+    return _given_motion(model, times, intervals, samples, words, has_equations=False)
 
 
 def _same(t: Any) -> Any:
