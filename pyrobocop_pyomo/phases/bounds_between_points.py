@@ -302,8 +302,9 @@ def unseen_on_the_way(block: Any, trajectory: Trajectory, statements: Iterable[S
         if not statement.rule.is_template(block):
             return f"{what} has to know the time as a number, and may do anything between two instants."
         formulas = RuleFormulas(block, trajectory.grid)
-        rates = formulas.by_state(statement) if statement.kind == "ode" else {}
-        steps = ExpressionSteps(list(rates.values()) or stated_formulas(formulas, statement))
+        stated = stated_formulas(formulas, statement)
+        rates = formulas.by_state(statement) if stated and statement.kind == "ode" else {}
+        steps = ExpressionSteps(list(rates.values()) or stated)
         moving = {id(variable) for variable in formulas.at_instant.values()}
         places = changing_places(steps, moving)
         for call in changing_places(steps, moving | {id(formulas.index), id(formulas.clock)}):

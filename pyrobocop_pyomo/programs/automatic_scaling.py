@@ -121,7 +121,8 @@ def automatic_scaling(
     free = np.isnan(of_groups)
     known = np.where(free, _known_scales(variables, sizing.widths), of_groups)
     scales = sizing.without_rounding(known, free, _AT_A_GUESS)
-    scales = np.where(np.isnan(scales), 1.0, scales)
+    # Their products are to be numbers, also at a random start beyond all sizes.
+    scales = np.minimum(np.where(np.isnan(scales), 1.0, scales), np.finfo(float).max ** 0.25)
     x_scales = scales[variables.numbers]
     x_beside = beside(nlp, x, x_scales)
     bounds = np.abs(np.array([nlp.g_lower, nlp.g_upper]))

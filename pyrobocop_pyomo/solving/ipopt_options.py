@@ -63,7 +63,13 @@ def inexact(delta: float) -> dict[str, Any]:
 # Enough to leave a bound that the branch does not hold any more, little enough to stay near the point. In a degenerate
 # branch multipliers grow without bound, and Ipopt would take its tolerance relative to them: hence s_max. What ends as
 # acceptable is to be exact as well.
-POLISH = {**warm_start(1e-6, 1e-8), "mu_strategy": "adaptive", "s_max": 1e8, "acceptable_constr_viol_tol": 1e-8}
+POLISH = {
+    **warm_start(1e-6, 1e-8),
+    "mu_strategy": "adaptive",
+    "mu_oracle": "probing",
+    "s_max": 1e8,
+    "acceptable_constr_viol_tol": 1e-8,
+}
 # Shows the way to a branch only, which is then solved to the full tolerance.
 ROUGH = {"tol": 1e-3}
 # From where elastic rows, fewer elements or the solve before led: near a solution, but not at it. Do not go back to
