@@ -96,14 +96,18 @@ class BestFirstSearch:
 
     def arcs(self) -> tuple[Array, Array]:
         """Signed lengths and curvatures of the arcs of the path found, from the root to the target."""
-        made_by, node = [], self.last_node
+        lengths, curvatures = self.arcs_to(self.last_node)
+        return np.concatenate([lengths, self.last_arcs[0]]), np.concatenate([curvatures, self.last_arcs[1]])
+
+    def arcs_to(self, node: int) -> tuple[Array, Array]:
+        """The same from the root to a pose that was reached."""
+        made_by = []
         while self.parents[node] >= 0:
             made_by.append(self.made_by[node])
             node = self.parents[node]
         samples = self.primitives.samples
         lengths = np.repeat(self.primitives.lengths[made_by[::-1]] / samples, samples)
-        curvatures = np.repeat(self.primitives.curvatures[made_by[::-1]], samples)
-        return np.concatenate([lengths, self.last_arcs[0]]), np.concatenate([curvatures, self.last_arcs[1]])
+        return lengths, np.repeat(self.primitives.curvatures[made_by[::-1]], samples)
 
     def _add_node(self, pose: tuple[float, ...], cost: float, parent: int, primitive: int, rest: float) -> None:
         self.poses.append(pose)

@@ -29,6 +29,7 @@ from pyrobocop_pyomo.errors import InitialGuessError, PathNotFound
 from pyrobocop_pyomo.geometry import Polytope, planar_pose, signed_distance
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.numerics import Array
+from pyrobocop_pyomo.optional_imports import scipy
 
 from .best_first_search import BestFirstSearch, SearchEnd
 from .car_kinematics import Trailer, follow_arcs
@@ -36,7 +37,7 @@ from .car_path import CarPath
 from .cost_to_go import Bounds, CostToGo
 from .free_space import FreeSpace, FreeSpaceWithTrailer
 from .motion_primitives import CarSearch, MotionPrimitives
-from .shortcuts import with_shortcuts
+from .shortcuts import CHECKED_AT_ONCE, with_shortcuts
 
 # Expansions of a search until the end of its first turn; twice as many until the end of each later one.
 FIRST_TURN = 130
@@ -44,6 +45,11 @@ FIRST_TURN = 130
 WEIGHT_FROM_START = 2.0
 # The grid of distances: side of its cells in turning radii, and how many there are along its longer side.
 GRID_CELL, MOST_CELLS = 0.03, 400
+# Where two searches meet: turning radii from one pose to the other, a turn as the way of a point one radius away.
+NEAR = 0.5
+NEIGHBOURS = 3
+# Pairs of poses whose Reeds-Shepp paths are computed.
+PAIRS = 3000
 
 
 def hybrid_a_star(
@@ -148,8 +154,11 @@ def hybrid_a_star(
                 current.before += current.search.expansions
                 current.search = begin(which, current.search.cost_to_go, current.level)
                 end = run(current)
-            if end is SearchEnd.FOUND:
-                arcs = with_shortcuts(current.search, *current.search.arcs())
+            arcs = current.search.arcs() if end is SearchEnd.FOUND else None
+            if arcs is None and len(searches) == 2:
+                arcs = _joined_arcs(current.search, searches[1 - k].search)
+            if arcs is not None:
+                arcs = with_shortcuts(current.search, *arcs)
                 return _path(ends["start"], ends["goal"], *arcs, wheelbase, trailer, backwards=which == "goal")
             if end is SearchEnd.EXHAUSTED:
                 raise PathNotFound(
@@ -185,6 +194,60 @@ class _EndSearch:
     def expansions(self) -> int:
         """Of all levels."""
         return self.before + self.search.expansions
+
+
+def _joined_arcs(one: BestFirstSearch, other: BestFirstSearch) -> tuple[Array, Array] | None:
+    """Signed lengths and curvatures of the arcs of a path from the root of one search to that of the other.
+
+    Reeds-Shepp paths lead from poses that one has reached to poses that the other has. Each search needs half of the
+    shunts of a path then. The cost of a search grows like a power of their number.
+
+    Parameters
+    ----------
+    one, other : BestFirstSearch
+        With the same free space; neither has found a path.
+    """
+    radius = one.primitives.turning_radius
+    mine, others = np.array(one.poses), np.array(other.poses)
+    tree = scipy.spatial.cKDTree(_as_points(others, radius))
+    # A trailer needs a way to get to another angle: a turning radius ahead or back.
+    leads = np.zeros(1) if one.primitives.trailer is None else np.array([-radius, radius])
+    places = one.primitives.follow(mine[:, None], leads[:, None], np.zeros((len(leads), 1)))[:, :, 1]
+    apart, found = tree.query(_as_points(places, radius), NEIGHBOURS, distance_upper_bound=NEAR * radius)
+    chosen = np.nonzero(np.isfinite(apart))
+    here, there = chosen[0], found[chosen]
+    costs = np.array(one.costs)[here] + np.array(other.costs)[there]
+    kept = np.argsort(costs + apart[chosen], kind="stable")[:PAIRS]
+    here, there, costs = here[kept], there[kept], costs[kept]
+    if not len(here):
+        return None
+    between, lengths, turns = one.primitives.paths_to(mine[here], others[there])
+    total = between + costs
+    order = np.argsort(total, axis=None, kind="stable")[:CHECKED_AT_ONCE]
+    kind, pair = np.unravel_index(order[np.isfinite(total.ravel()[order])], total.shape)
+    arcs, curvatures, reached = one.primitives.connecting_arcs(
+        mine[here[pair]], lengths[kind, pair], turns[kind], others[there[pair]]
+    )
+    clear = np.flatnonzero(reached)
+    clear = clear[one.are_clear(mine[here[pair[clear]]], arcs[clear], curvatures[clear])]
+    if not len(clear):
+        return None
+    best = int(clear[0])
+    there_arcs, there_bends = other.arcs_to(int(there[pair[best]]))
+    one_arcs, one_bends = one.arcs_to(int(here[pair[best]]))
+    moves = arcs[best] != 0.0
+    # A way that is driven back needs the same steering.
+    return (
+        np.concatenate([one_arcs, arcs[best][moves], -there_arcs[::-1]]),
+        np.concatenate([one_bends, curvatures[best][moves], there_bends[::-1]]),
+    )
+
+
+def _as_points(poses: Array, radius: float) -> Array:
+    heading = poses[..., 2:3]
+    return np.concatenate(
+        [poses[..., :2], radius * np.cos(heading), radius * np.sin(heading), radius * poses[..., 3:]], axis=-1
+    )
 
 
 def _check_disc(root: Array, cost_to_go: CostToGo) -> None:
