@@ -187,7 +187,9 @@ def transcribed_by_pyomo_dae(
             variable = m.component(name)[t]
             if not variable.fixed:
                 variable.set_value(straight_line(i, t))
-            m.component(f"d{name}")[t].set_value((GOAL[i] - START[i]) / HORIZON)
+            derivative = m.component(f"d{name}")
+            if derivative.ctype is pyo.Var:  # substituted, it is an expression
+                derivative[t].set_value((GOAL[i] - START[i]) / HORIZON)
         if not m.force[t].fixed:  # here there is no control at t = 0
             m.force[t].set_value(0.0)
     return m

@@ -1,12 +1,14 @@
-"""Collocation rows, which tie derivatives to their variables.
+"""Collocation rows, which tie derivatives to their variables, and the substitution of explicit equations.
 
 A derivative of order ``n`` is taken one order at a time: ``x``, ``x'``, ..., each a state whose polynomial has the next
 as its slope. Where the model has no variable for an order in between, one is added. A second derivative is thus part of
 the scheme's solution of ``x' = v, v' = a``, where ``v`` is continuous; with the second derivative of one polynomial
 ``v`` would jump.
 
-Where a row says ``dx[t] == f``, not just within a disjunct, ``f`` itself stands in the collocation rows: a solver takes
-fewer iterations, and ``dx[t]`` follows by the user's own row.
+An equation is explicit when a row says ``dx[t] == f``, not just within a disjunct, and the derivative is found nowhere
+else, at each collocation point. The row is then deactivated, ``f`` goes into the collocation rows, which saves half of
+the variables, and under the name of the derivative there is an expression, ``f`` itself: it can be read after a solve,
+by whatever solver, used in further rows, and fixed.
 """
 
 from __future__ import annotations
@@ -14,20 +16,35 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from pyomo.common.collections import ComponentMap
 from pyomo.common.modeling import unique_component_name
 from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
+from pyomo.core.base.expression import Expression, ExpressionData
 from pyomo.core.base.initializer import Initializer
+from pyomo.core.base.objective import Objective
 from pyomo.core.base.var import Var
+from pyomo.core.expr.numvalue import value as numeric_value
 from pyomo.dae import DerivativeVar
 from pyomo.gdp import Disjunct
 
 from pyrobocop_pyomo.modeling.activity import enclosing_blocks
-from pyrobocop_pyomo.modeling.bulk_parts import new_row
+from pyrobocop_pyomo.modeling.bulk_parts import new_row, put_part
 from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.transcription import collocation_rows, continuity_rows
 
-from .structure import Axis, Discretisation, Spot, axis_on, explicit_equations
+from .structure import (
+    PAIRS,
+    Axis,
+    Discretisation,
+    Spot,
+    axes_of,
+    axis_on,
+    continuous_sets,
+    open_sets,
+    row_variables,
+    variables_of_row,
+)
 
 
 def derivatives_along(spots: list[Spot], domain: Any) -> list[tuple[Any, dict[int, Any]]]:
@@ -114,24 +131,24 @@ class LineRows:
         self._state, self._rate, self._grid, self._axis, self._are_joints = state, rate, grid, axis, are_joints
         self._line: tuple[Any, dict[float, Any]] = (self, {})
 
-    def of(self, others: Any, sides: Mapping[int, Any]) -> Iterable[tuple[float, Any]]:
+    def of(self, others: Any, sides: Any = None) -> Iterable[tuple[float, Any]]:
         """Time and row of each, with right-hand sides in place of the derivative where they are given."""
         states = {time: self._state[self._axis.join(others, time)] for time in self._grid.times}
         if self._are_joints:
             return continuity_rows(states, self._grid)
-        rates = {time: self._rate[self._axis.join(others, time)] for time in self._grid.points}
-        rates = {time: sides.get(id(data), data) for time, data in rates.items()}
+        of_rate = self._rate if sides is None else sides
+        rates = {time: of_rate[self._axis.join(others, time)] for time in self._grid.points}
         return collocation_rows(states, rates, self._grid, _widths(self._state, self._rate, self._grid))
 
     def __call__(self, block: Any, *index: Any) -> Any:
         """As the rule of the constraint, for indices of another set that are new."""
         others, time = self._axis.others(index), self._axis.time(index)
         if self._line[0] != others:
-            self._line = (others, dict(self.of(others, {})))
+            self._line = (others, dict(self.of(others)))
         return self._line[1].get(time, Constraint.Skip)
 
 
-def write_rows(discretisation: Discretisation, sides: Mapping[int, Any]) -> None:
+def write_rows(discretisation: Discretisation, sides: Mapping[Any, Mapping[Any, Any]]) -> None:
     """Write the rows of all derivatives, with right-hand sides in the place of those that have some."""
     for state, rate in discretisation.derivatives:
         axis = axis_on(rate, discretisation.domain)
@@ -140,7 +157,7 @@ def write_rows(discretisation: Discretisation, sides: Mapping[int, Any]) -> None
         for number, rows in enumerate(discretisation.rows[rate]):
             line_rows = LineRows(state, rate, discretisation.grid, axis, number == 1)
             for others in lines:
-                for time, row in line_rows.of(others, sides):
+                for time, row in line_rows.of(others, sides.get(rate)):
                     new_row(rows, axis.join(others, time), row)
 
 
@@ -154,15 +171,104 @@ def _widths(state: Any, rate: Any, grid: Grid) -> list[Any]:
     return [width * unit for width in widths]
 
 
-def right_hand_sides(discretisation: Discretisation, found: list[Spot]) -> dict[int, Any]:
-    """By the ids of derivatives, the right-hand sides of rows that give them explicitly."""
-    rates = {id(data) for _, rate in discretisation.derivatives for data in rate.values()}
-    sides: dict[int, Any] = {}
-    for spot in found:
-        if spot.component.ctype is not Constraint or not spot.active:
-            continue
-        if any(block.ctype is Disjunct for block in enclosing_blocks(spot.component)):
-            continue
-        for data, side in explicit_equations((row for row in spot.component.values() if row.active), rates):
-            sides.setdefault(id(data), side)
+def substitute_derivatives(discretisation: Discretisation, found: list[Spot]) -> Mapping[Any, Mapping[Any, Any]]:
+    """Replace all derivatives that are given explicitly; returns their right-hand sides, by derivative and index."""
+    open_ids, states = open_sets(continuous_sets(found)), discretisation.state_ids()
+    candidates = {
+        id(data): data
+        for _, derivative in discretisation.derivatives
+        if isinstance(derivative, DerivativeVar) and not derivative.is_reference()
+        # On a set that is still to be discretised there will be more of them.
+        if not any(id(axis.domain) in open_ids for axis in axes_of(derivative))
+        for data in derivative.values()
+        if data.lower is None and data.upper is None and not (data.fixed and data.value is None)
+        if id(data) not in states
+    }
+    explicit = _explicit_rows(found, candidates)
+    sides = ComponentMap()
+    for _, derivative in discretisation.derivatives:
+        needed = [data for data in derivative.values() if not (data.fixed and data.value is None)]
+        if needed and all(id(data) in explicit for data in needed):
+            sides[derivative] = {data.index(): explicit[id(data)][1] for data in needed}
+            _substitute(discretisation, derivative, needed, explicit)
     return sides
+
+
+def _explicit_rows(found: list[Spot], candidates: dict[int, Any]) -> dict[int, tuple[Any, Any]]:
+    """The row and the right-hand side of each candidate that one row gives and nothing else holds."""
+    explicit: dict[int, tuple[Any, Any]] = {}
+    elsewhere: set[int] = set()
+    for spot in found:
+        component = spot.component
+        if not spot.active or component.ctype not in (Constraint, Objective, Expression, *PAIRS):
+            continue
+        unconditional = not any(block.ctype is Disjunct for block in enclosing_blocks(component))
+        parts = [data for data in component.values() if component.ctype is Expression or data.active]
+        if component.ctype in PAIRS:
+            elsewhere.update(id(variable) for data in parts for variable in variables_of_row(data))
+            continue
+        given, otherwise = row_variables(parts, candidates)
+        elsewhere |= otherwise
+        for key, said in given.items():
+            if unconditional and key not in explicit:
+                explicit[key] = said
+            else:
+                elsewhere.add(key)
+    return {key: value for key, value in explicit.items() if key not in elsewhere}
+
+
+def _substitute(
+    discretisation: Discretisation, derivative: Any, needed: list[Any], explicit: dict[int, tuple[Any, Any]]
+) -> None:
+    home = discretisation.rows[derivative][0].parent_block()
+    parent, name = derivative.parent_block(), derivative.local_name
+    parent.del_component(derivative)
+    aside = Block(concrete=True)
+    home.add_component(unique_component_name(home, "replaced"), aside)
+    aside.deactivate()  # whoever writes the values of a model would ask for those of these variables too
+    aside.add_component(name, derivative)
+    expression = Expression(derivative.index_set())
+    parent.add_component(name, expression)
+    for data in needed:  # the indices are those of the derivative
+        row, side = explicit[id(data)]
+        put_part(expression, data.index(), RightHandSide(side, expression, data, row))
+    discretisation.substitutions[derivative] = expression
+
+
+class RightHandSide(ExpressionData):
+    """The right-hand side that replaces a derivative; it has a value, and can be fixed, as a variable can.
+
+    Fixing activates the equation ``dx[t] == f``, with the derivative in it as a fixed variable: a condition, such as a
+    steady start. So it does not matter whether a derivative is fixed before or after the transformation.
+    """
+
+    __slots__ = ("_derivative", "_row")
+
+    def __init__(self, side: Any, component: Any, derivative: Any, row: Any) -> None:
+        super().__init__(side, component)
+        self._derivative, self._row = derivative, row
+        if not derivative.fixed:  # otherwise the row is a condition, as after `fix`
+            self.unfix()
+            derivative.stale = True
+
+    @property
+    def value(self) -> float | None:
+        """The value of the derivative; None where something in it has none."""
+        return self._derivative.value if self.fixed else numeric_value(self, exception=False)
+
+    @property
+    def fixed(self) -> bool:
+        """Whether the derivative is fixed here."""
+        return bool(self._row.active)
+
+    def fix(self, *value: Any, skip_validation: bool = False) -> None:
+        """Fix the derivative, at a number or at its value."""
+        self._derivative.fix(*(value or (self.value,)), skip_validation=skip_validation)
+        self._row.activate()
+
+    def unfix(self) -> None:
+        """Take back `fix`."""
+        self._row.deactivate()
+        self._derivative.fix(None, skip_validation=True)
+
+    free = unfix

@@ -34,7 +34,7 @@ from .derivatives import (
     add_collocation,
     derivatives_along,
     remove_collocation,
-    right_hand_sides,
+    substitute_derivatives,
     write_rows,
 )
 from .expansion import Family, expand, refuse_what_cannot_grow
@@ -256,7 +256,7 @@ def _show_values(root: Any, rows: HoldingRows, discretisation: Discretisation) -
 
 
 def undo_discretisation(discretisation: Discretisation) -> None:
-    """Remove everything that was added for a set before its rows are written."""
+    """Remove everything that was added for a set before its derivatives are substituted."""
     domain = discretisation.domain
     remove_collocation(discretisation)
     for data in discretisation.deactivated:
@@ -313,10 +313,10 @@ def _itself(component: Any) -> Any:
 
 
 def finalise(discretisation: Discretisation) -> None:
-    """The last steps, which cannot fail: write the rows, and leave the rest as pyomo.dae does for its own tools."""
+    """The last steps, which cannot fail: substitute, and leave the rest as pyomo.dae does for its own tools."""
     domain, scheme = discretisation.domain, discretisation.grid.scheme
     found = list(spots(domain.model()))
-    write_rows(discretisation, right_hand_sides(discretisation, found))
+    write_rows(discretisation, substitute_derivatives(discretisation, found))
     family = scheme.name.split("(")[0]
     domain.set_changed(True)
     domain.get_discretization_info().update(

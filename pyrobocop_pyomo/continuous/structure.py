@@ -19,7 +19,7 @@ from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES
 from pyrobocop_pyomo.modeling.in_place_changes import expressions_of
-from pyrobocop_pyomo.modeling.shared_nodes import variables_in
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in, variables_in_any
 from pyrobocop_pyomo.numerics import Grid
 
 # -------------------------------------------------------------------------------------------------------------- records
@@ -46,6 +46,8 @@ class Discretisation:
         Variables among those without a value of their own, the one whose value they show, and what follows from it.
     formulas : list of (integral, expression)
         What integrals were before.
+    substitutions : ComponentMap
+        From each derivative that an expression replaces to this.
     states : list of Var
         The variables that have a value at every time of the grid.
     derivatives : list of (Var, Var)
@@ -63,6 +65,7 @@ class Discretisation:
     before: list[tuple[Any, float | None]] = field(default_factory=list)
     shown: list[tuple[Any, Any, tuple[Any, ...]]] = field(default_factory=list)
     formulas: list[tuple[Any, Any]] = field(default_factory=list)
+    substitutions: Any = field(default_factory=ComponentMap)
     states: list[Any] = field(default_factory=list)
     derivatives: list[tuple[Any, Any]] = field(default_factory=list)
     rows: Any = field(default_factory=ComponentMap)
@@ -240,19 +243,32 @@ def _without(index: Any, axes: tuple[Axis, ...], domain: Any) -> Any:
     return next((axis.others(index) for axis in axes if axis.domain is domain), index)
 
 
-def explicit_equations(rows: Iterable[Any], wanted: Collection[int]) -> Iterator[tuple[Any, Any]]:
-    """Each variable that a row says explicitly, ``v == f``, with ``f``.
+def row_variables(rows: Iterable[Any], derivatives: Collection[int]) -> tuple[dict[int, tuple[Any, Any]], set[int]]:
+    """Walk over rows, objectives or named expressions, all at once.
 
     Parameters
     ----------
-    rows : iterable of ConstraintData
-    wanted : collection of int
+    rows : iterable of component data
+    derivatives : collection of int
         Ids of the variables that may be said explicitly.
+
+    Returns
+    -------
+    dict of id to (row, expression)
+        From a derivative that a row says explicitly, ``dx[t] == f``, to that row and ``f``.
+    set of int
+        Ids of all variables that the rows hold otherwise.
     """
-    for row in rows:
-        if isinstance(row.expr, EqualityExpression):
-            left, right = row.expr.args
-            for variable, side in ((left, right), (right, left)):
-                if id(variable) in wanted:
-                    yield variable, side
-                    break
+    given: dict[int, tuple[Any, Any]] = {}
+    others: list[Any] = []
+    for data in rows:
+        expression = data.expr
+        if isinstance(expression, EqualityExpression):
+            left, right = expression.args
+            if id(left) not in derivatives:
+                left, right = right, left
+            if id(left) in derivatives and id(left) not in given:
+                given[id(left)] = (data, right)
+                expression = right
+        others.append(expression)
+    return given, set(variables_in_any(others))

@@ -47,8 +47,9 @@ class Collocation(Transformation):
     by default), ``nfe`` (elements, 10), ``ncp`` (stages per element, 3), ``scheme`` ("radau", "gauss", any name that
     `find_scheme` knows, "LAGRANGE-RADAU", "LAGRANGE-LEGENDRE" or a Scheme) and ``mesh`` (element boundaries).
 
-    Where an equation says ``dx[t] == f``, ``f`` stands in the collocation rows in place of ``dx[t]``. Of the sets that
-    a component is indexed by, one can be discretised here, and the others by pyomo.dae.
+    Where an equation says ``dx[t] == f``, ``f`` goes into the collocation rows and ``m.dx`` becomes an expression,
+    unless it has bounds or is used elsewhere. Of the sets that a component is indexed by, one can be discretised here,
+    and the others by pyomo.dae.
 
     Equations hold at the collocation points and at the first point. At other points states have a value, and what
     equations determine from them. A control at a point without a stage has the value of the nearest collocation point

@@ -21,6 +21,7 @@ import numpy as np
 from pyomo.common.modeling import unique_component_name
 from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint, ConstraintData
+from pyomo.core.base.expression import Expression
 from pyomo.core.base.var import Var
 from pyomo.core.expr import LinearExpression
 from pyomo.core.expr.numvalue import value
@@ -34,17 +35,7 @@ from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .holding_rows import Absent
-from .structure import (
-    PAIRS,
-    Discretisation,
-    Spot,
-    axes_of,
-    axis_on,
-    discretisation_of,
-    explicit_equations,
-    label,
-    spots,
-)
+from .structure import PAIRS, Discretisation, Spot, axes_of, axis_on, discretisation_of, label, row_variables, spots
 
 
 def dae_trajectory(model: Any, wrt: Any) -> Trajectory:
@@ -83,7 +74,7 @@ def dae_trajectory(model: Any, wrt: Any) -> Trajectory:
     for family, is_state, data in families(found, discretisation):
         times = grid.times if is_state else grid.points
         missing = next((data[time] for time in times if time in data and data[time].value is None), None)
-        if missing is not None and isinstance(missing.parent_component(), DerivativeVar):
+        if missing is not None and isinstance(missing.parent_component(), (DerivativeVar, Expression)):
             continue  # along space, where no row gives it
         if missing is not None:
             raise TrajectoryError(f"'{missing.name}' has no value. Solve the model first, or give it an initial value.")
@@ -92,10 +83,10 @@ def dae_trajectory(model: Any, wrt: Any) -> Trajectory:
             (states if is_state else signals)[label(family)] = np.array([data[time].value for time in times])
     rates: dict[str, Array] = {}
     for state, rate in discretisation.derivatives:
-        axis = axis_on(rate, wrt)
-        for index in [index for index in rate if axis is not None and axis.time(index) == last]:
-            if id(state[index]) in lines and id(rate[index]) in lines:
-                values = lines[id(rate[index])][1]
+        seen, axis = discretisation.substitutions.get(rate, rate), axis_on(rate, wrt)
+        for index in [index for index in seen if axis is not None and axis.time(index) == last]:
+            if id(state[index]) in lines and id(seen[index]) in lines:
+                values = lines[id(seen[index])][1]
                 rates[lines[id(state[index])][0]] = np.array([values[time].value for time in grid.points], dtype=float)
     return Trajectory(
         name=model.name,
@@ -111,10 +102,14 @@ def dae_trajectory(model: Any, wrt: Any) -> Trajectory:
 def families(found: list[Spot], discretisation: Discretisation) -> Iterator[tuple[Any, bool, dict[float, Any]]]:
     """Each variable along the set: its key, whether it is a state, and what has its value at each time."""
     along: dict[Any, dict[float, Any]] = {}
+    put_aside = set(map(id, discretisation.substitutions))
+    shown = set(map(id, discretisation.substitutions.values()))
     for spot in found:
-        if spot.component.ctype in (Var, DerivativeVar):
-            for family, time, data in spot.members_along(discretisation.domain):
-                along.setdefault(family, {})[time] = data
+        is_variable = spot.component.ctype in (Var, DerivativeVar) and id(spot.component) not in put_aside
+        if not is_variable and id(spot.component) not in shown:
+            continue
+        for family, time, data in spot.members_along(discretisation.domain):
+            along.setdefault(family, {})[time] = data
     states = discretisation.state_ids()
     for family, by_time in along.items():
         yield family, id(next(iter(by_time.values()))) in states, by_time
@@ -169,7 +164,7 @@ class ShownValue(ConstraintData):
         """Whether the row holds."""
         if not self._active or self._shown.fixed:
             return False
-        # What has no value of its own is fixed to None.
+        # Derivatives that an expression replaces are fixed to None.
         return not any(variable.fixed and variable.value is not None for variable in self._following)
 
 
@@ -222,8 +217,8 @@ def find_definitions(rows: Iterable[Any], absent: Absent, sources: dict[int, Any
     free = {key for key, data in everything.items() if data.is_continuous() and data.lower is data.upper is None}
     waiting: dict[int, tuple[Any, set[int]]] = {}
     for row in rows:
-        for variable, side in explicit_equations([row], free):
-            waiting.setdefault(id(variable), (row, {id(v) for v in variables_in(side)} & everything.keys()))
+        for key, (_, side) in row_variables([row], free)[0].items():
+            waiting.setdefault(key, (row, {id(v) for v in variables_in(side)} & everything.keys()))
     known, chosen = set(sources) - waiting.keys(), dict[int, Any]()
     while waiting:
         ready = {key: row for key, (row, needed) in waiting.items() if needed <= known}
