@@ -313,11 +313,12 @@ def _motion_along_discretisation(block: Any, points: tuple[Any, ...], discretisa
     domain, grid = discretisation.domain, discretisation.grid
 
     def rates(signal: Item) -> Any:
-        """The derivative of a state, by time."""
+        """Derivative of a state: a variable, or the right-hand side that was substituted for it."""
         data = {time: item_at(signal, time) for time in grid.points}
         component = parent_of(data[grid.points[0]])
         derivative = next(derivative for state, derivative in discretisation.derivatives if state is component)
-        return {time: derivative[variable.index()] for time, variable in data.items()}
+        shown = discretisation.substitutions.get(derivative, derivative)
+        return {time: shown[variable.index()] for time, variable in data.items()}
 
     def refuse(signal: Item, early: bool) -> None:
         component = parent_of(item_at(signal, grid.points[0]))
