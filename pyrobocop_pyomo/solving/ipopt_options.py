@@ -66,7 +66,7 @@ def inexact(delta: float) -> dict[str, Any]:
 POLISH = {
     **warm_start(1e-6, 1e-8),
     "mu_strategy": "adaptive",
-    "mu_oracle": "probing",
+    "tol": 1e-10,
     "s_max": 1e8,
     "acceptable_constr_viol_tol": 1e-8,
 }
