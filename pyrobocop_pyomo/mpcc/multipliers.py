@@ -188,11 +188,10 @@ class MultiplierProblem:
                 (linear.lower if sign < 0.0 else linear.upper)[closed] = 0.0
         values = linear.solve(deadline).x
         # What the program leaves of its bounds and calls its least residual is as good as its tolerances.
-        return (
-            None
-            if values is None
-            else self._found(kind, np.clip(values, linear.lower, linear.upper)[: self._least.size])
-        )
+        if values is None:
+            return None
+        within = np.clip(values, linear.lower, linear.upper)
+        return self._found(kind, within[: self._least.size])
 
     def _least_residual(self, kind: Stationarity, most: float) -> LinearProgram:
         """Minimise what is left above and below the conditions, in sum; without the choices of a kind."""

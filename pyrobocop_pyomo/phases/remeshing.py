@@ -154,8 +154,8 @@ def why_its_mesh_is_stated(phase: Any) -> str | None:
         control = phase.record.declarations[name]
         if control.parametrization != "collocated" and control.knots is None:
             return (
-                f"The control '{name}' is {control.parametrization.replace('_', ' ')} over its "
-                "elements. Declare more elements, with knots=... for the control."
+                f"The control '{name}' is {control.parametrization.replace('_', ' ')} over its elements. Declare more "
+                "elements, with knots=... for the control."
             )
     return None
 

@@ -61,8 +61,9 @@ def inexact(delta: float) -> dict[str, Any]:
 
 
 # Enough to leave a bound that the branch does not hold any more, little enough to stay near the point. In a degenerate
-# branch multipliers grow without bound, and Ipopt would take its tolerance relative to them: hence s_max. What ends as
-# acceptable is to be exact as well.
+# branch multipliers grow without bound, and Ipopt would take its tolerance relative to them: hence s_max. A barrier
+# parameter that only falls stays in such a branch at its first value and ends beside the optimum, and at the usual
+# tolerance detected switches are inexact to 1e-6. What ends as acceptable is to be exact as well.
 POLISH = {
     **warm_start(1e-6, 1e-8),
     "mu_strategy": "adaptive",
