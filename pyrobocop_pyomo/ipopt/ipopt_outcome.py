@@ -49,6 +49,11 @@ class IpoptStatus(enum.Enum):
         """Whether Ipopt reports success."""
         return self in (IpoptStatus.SOLVED, IpoptStatus.ACCEPTABLE, IpoptStatus.FEASIBLE_POINT)
 
+    @property
+    def converged(self) -> bool:
+        """Whether Ipopt reached its tolerances, or as near to them as its numbers allow."""
+        return self.solved or self is IpoptStatus.TINY_STEP
+
 
 class IterationRecord(NamedTuple):
     """One iteration as Ipopt reports it."""

@@ -405,7 +405,7 @@ class ActiveSetSearch:
         diverged = outcome.status is IpoptStatus.DIVERGING
         kept = not diverged and self._no_worse(found, start) and not (cut and start.branch is not None)
         more_exact = start.branch is None and found.natural_residual < start.natural_residual
-        if outcome.status.solved and not kept and more_exact and found.violation <= self.limits.feasibility:
+        if outcome.status.converged and not kept and more_exact and found.violation <= self.limits.feasibility:
             self._refused.append(found)
         if self.on_solve is not None:
             self.on_solve(purpose, outcome, found, kept)

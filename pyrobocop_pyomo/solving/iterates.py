@@ -264,8 +264,7 @@ class Iterate(Presented):
     @classmethod
     def of_run(cls, label: str, status: IpoptStatus, **facts: Any) -> Iterate:
         """The end of a run of Ipopt, not checked yet."""
-        converged = status.solved or status is IpoptStatus.TINY_STEP
-        reason = StopReason.FINISHED if converged else STOP_REASONS.get(status, StopReason.FAILED)
+        reason = StopReason.FINISHED if status.converged else STOP_REASONS.get(status, StopReason.FAILED)
         return cls(label=label, status=status, stop_reason=reason, **facts)
 
     @property
