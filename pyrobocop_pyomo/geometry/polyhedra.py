@@ -55,7 +55,7 @@ def affine_rank(points: np.ndarray, rays: np.ndarray) -> int:
 
 def affine_basis(points: np.ndarray, rays: np.ndarray) -> np.ndarray:
     """Orthonormal rows (rank, dimension) that span the directions between the points, and the rays."""
-    differences = points - points.mean(axis=0)
+    differences = points - points[0]  # exact where all are near: their mean would add a direction of rounding
     extent = np.abs(differences).max()
     # Rays have no length: each counts as much as the extent does.
     rows = np.vstack([differences / extent if extent > 0.0 else differences, rays])

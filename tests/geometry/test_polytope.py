@@ -39,6 +39,12 @@ def test_corners_to_half_spaces_and_back(dimension: int, seed: int, shift: float
     assert (normals @ again.vertices.T).max(axis=1) == pytest.approx(offsets, abs=1e-10 * (1.0 + abs(shift)))
 
 
+@pytest.mark.parametrize("apart", [1.0, 1e-6, 1e-9, 1e-12, 2e-15])
+def test_two_points_are_a_segment_however_near_they_are(apart: float) -> None:
+    ends = [(3.0, 3.0), (3.0 + apart, 3.0 - 2.0 * apart)]
+    assert len(Polytope.hull(ends, allow_flat=True, radius=0.1).vertices) == 2
+
+
 @given(seed=some.integers(0, 2**32 - 1), dimension=some.integers(2, 3))
 def test_half_spaces_hold_what_the_corners_span_and_each_is_a_facet(seed: int, dimension: int) -> None:
     random = np.random.default_rng(seed)
