@@ -13,10 +13,9 @@ by whatever solver, used in further rows, and fixed.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Any
 
-from pyomo.common.collections import ComponentMap
 from pyomo.common.modeling import unique_component_name
 from pyomo.core.base.block import Block
 from pyomo.core.base.constraint import Constraint
@@ -30,9 +29,11 @@ from pyomo.gdp import Disjunct
 
 from pyrobocop_pyomo.modeling.activity import enclosing_blocks
 from pyrobocop_pyomo.modeling.bulk_parts import new_row, put_part
+from pyrobocop_pyomo.modeling.rows_by_rule import RowByRule, add_rows_by_rule, variables_in_rows
 from pyrobocop_pyomo.numerics import Grid
-from pyrobocop_pyomo.transcription import collocation_rows, continuity_rows
+from pyrobocop_pyomo.transcription import collocation_rows, continuity_rows, row_times
 
+from .rows_along import ExplicitRows, RowsAlong
 from .structure import (
     PAIRS,
     Axis,
@@ -132,12 +133,14 @@ class LineRows:
         self._line: tuple[Any, dict[float, Any]] = (self, {})
 
     def of(self, others: Any, sides: Any = None) -> Iterable[tuple[float, Any]]:
-        """Time and row of each, with right-hand sides in place of the derivative where they are given."""
+        """Time and row of each, with `RightHandSide`s in place of the derivative where they are given."""
         states = {time: self._state[self._axis.join(others, time)] for time in self._grid.times}
         if self._are_joints:
             return continuity_rows(states, self._grid)
         of_rate = self._rate if sides is None else sides
         rates = {time: of_rate[self._axis.join(others, time)] for time in self._grid.points}
+        if sides is not None:
+            rates = {time: side.expr for time, side in rates.items()}
         return collocation_rows(states, rates, self._grid, _widths(self._state, self._rate, self._grid))
 
     def __call__(self, block: Any, *index: Any) -> Any:
@@ -148,17 +151,36 @@ class LineRows:
         return self._line[1].get(time, Constraint.Skip)
 
 
-def write_rows(discretisation: Discretisation, sides: Mapping[Any, Mapping[Any, Any]]) -> None:
+def write_rows(discretisation: Discretisation) -> None:
     """Write the rows of all derivatives, with right-hand sides in the place of those that have some."""
+    grid = discretisation.grid
     for state, rate in discretisation.derivatives:
-        axis = axis_on(rate, discretisation.domain)
+        axis, sides = axis_on(rate, discretisation.domain), discretisation.substitutions.get(rate)
         assert axis is not None
-        lines = [axis.others(index) for index in rate if axis.time(index) == discretisation.grid.times[0]]
+        lines = [axis.others(index) for index in rate if axis.time(index) == grid.times[0]]
+        by_rule = {others: said for others in lines if (said := _said_of_line(sides, state, axis, grid, others))}
         for number, rows in enumerate(discretisation.rows[rate]):
-            line_rows = LineRows(state, rate, discretisation.grid, axis, number == 1)
+            line_rows = LineRows(state, rate, grid, axis, number == 1)
+            if number == 0 and by_rule:
+                indices = [axis.join(others, time) for others in by_rule for time in row_times(grid)]
+                add_rows_by_rule(rows, ExplicitRows(state, grid, axis, by_rule), indices)
             for others in lines:
-                for time, row in line_rows.of(others, sides.get(rate)):
+                for time, row in () if number == 0 and others in by_rule else line_rows.of(others, sides):
                     new_row(rows, axis.join(others, time), row)
+
+
+def _said_of_line(sides: Any, state: Any, axis: Axis, grid: Grid, others: Any) -> tuple[RowsAlong, Any] | None:
+    """The rule and the label of the rows that give a derivative at all collocation points, if there is one."""
+    if sides is None or state.get_units() is not None:
+        return None
+    line = {time: sides[axis.join(others, time)] for time in grid.points}
+    rules = {side.said for side in line.values()} - {None}
+    if len(rules) != 1:
+        return None
+    ((rule, label),) = rules
+    first_points = {time: side for time, side in line.items() if side.said is None}
+    alike = all(rule.is_right_hand_side(side.expr, time, label) for time, side in first_points.items())
+    return (rule, label) if alike else None
 
 
 def _widths(state: Any, rate: Any, grid: Grid) -> list[Any]:
@@ -171,8 +193,8 @@ def _widths(state: Any, rate: Any, grid: Grid) -> list[Any]:
     return [width * unit for width in widths]
 
 
-def substitute_derivatives(discretisation: Discretisation, found: list[Spot]) -> Mapping[Any, Mapping[Any, Any]]:
-    """Replace all derivatives that are given explicitly; returns their right-hand sides, by derivative and index."""
+def substitute_derivatives(discretisation: Discretisation, found: list[Spot]) -> None:
+    """Replace all derivatives that are given explicitly."""
     open_ids, states = open_sets(continuous_sets(found)), discretisation.state_ids()
     candidates = {
         id(data): data
@@ -185,13 +207,10 @@ def substitute_derivatives(discretisation: Discretisation, found: list[Spot]) ->
         if id(data) not in states
     }
     explicit = _explicit_rows(found, candidates)
-    sides = ComponentMap()
     for _, derivative in discretisation.derivatives:
         needed = [data for data in derivative.values() if not (data.fixed and data.value is None)]
         if needed and all(id(data) in explicit for data in needed):
-            sides[derivative] = {data.index(): explicit[id(data)][1] for data in needed}
             _substitute(discretisation, derivative, needed, explicit)
-    return sides
 
 
 def _explicit_rows(found: list[Spot], candidates: dict[int, Any]) -> dict[int, tuple[Any, Any]]:
@@ -207,13 +226,19 @@ def _explicit_rows(found: list[Spot], candidates: dict[int, Any]) -> dict[int, t
         if component.ctype in PAIRS:
             elsewhere.update(id(variable) for data in parts for variable in variables_of_row(data))
             continue
-        given, otherwise = row_variables(parts, candidates)
-        elsewhere |= otherwise
-        for key, said in given.items():
-            if unconditional and key not in explicit:
-                explicit[key] = said
-            else:
-                elsewhere.add(key)
+        by_rule = [data for data in parts if data.__class__ is RowByRule]
+        looked_at = [row_variables((data for data in parts if data.__class__ is not RowByRule), candidates)]
+        if by_rule and isinstance(component.rule_of_rows, RowsAlong):
+            looked_at.append(component.rule_of_rows.given(component.parent_block(), by_rule, candidates))
+        elif by_rule:  # collocation rows along another set
+            elsewhere |= variables_in_rows(by_rule)
+        for given, otherwise in looked_at:
+            elsewhere |= otherwise
+            for key, said in given.items():
+                if unconditional and key not in explicit:
+                    explicit[key] = said
+                else:
+                    elsewhere.add(key)
     return {key: value for key, value in explicit.items() if key not in elsewhere}
 
 
@@ -250,6 +275,22 @@ class RightHandSide(ExpressionData):
         if not derivative.fixed:  # otherwise the row is a condition, as after `fix`
             self.unfix()
             derivative.stale = True
+
+    @property
+    def args(self) -> Any:
+        """The right-hand side, which is made where a rule says it."""
+        if self.said is not None and super().args[0] is None:
+            rule, label = self.said
+            self.set_value(rule.right_hand_side(rule.parts(self._row.index())[0], label))
+        return super().args
+
+    @property
+    def said(self) -> tuple[RowsAlong, Any] | None:
+        """The rule that says it, and the label of its row there; None where a row of its own does."""
+        if self._row.__class__ is not RowByRule:
+            return None
+        rule: RowsAlong = self._row.parent_component().rule_of_rows
+        return rule, rule.parts(self._row.index())[1]
 
     @property
     def value(self) -> float | None:

@@ -13,7 +13,7 @@ from collections.abc import Collection, Mapping
 from functools import partial
 from typing import Any
 
-from pyomo.core.base.constraint import Constraint, ConstraintList
+from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.initializer import ConstantInitializer
 from pyomo.core.base.objective import Objective
@@ -39,7 +39,16 @@ from .derivatives import (
 )
 from .expansion import Family, expand, refuse_what_cannot_grow
 from .holding_rows import HoldingRows, undecided_parts
-from .structure import Discretisation, Spot, axis_on, continuous_sets, discretisations_beside, discretisations_of, spots
+from .structure import (
+    Discretisation,
+    Spot,
+    axis_on,
+    continuous_sets,
+    discretisations_beside,
+    discretisations_of,
+    rule_of,
+    spots,
+)
 from .values import add_shown_values, clear, families, find_definitions, find_shown_values
 
 # ---------------------------------------------------------------------------------------------------- sums over the set
@@ -55,7 +64,7 @@ def check_possible_sum(component: Any, index: Any, domain: Any) -> None:
         "set has more"
     )
     with failures_as(ModelError, where):
-        result = component._rule(component.parent_block(), index)
+        result = rule_of(component)(component.parent_block(), index)
     if set(map(id, variables_read(result))) - variables_in_any([component[index].expr]).keys():
         raise _refusal(component, index, domain)
 
@@ -92,7 +101,8 @@ def find_possible_sums(spots: list[Spot], domain: Any) -> list[tuple[Any, Any]]:
             times = {place[variable][1] for variable in read if variable in place}
             if len(times | own) < 2:
                 continue
-            if _can_be_asked(spot.component):
+            rule = rule_of(spot.component)
+            if rule is not None and not isinstance(rule, ConstantInitializer):
                 possible_sums.append((spot.component, index))
                 continue
             terms = _Terms(place, leaves)
@@ -100,12 +110,6 @@ def find_possible_sums(spots: list[Spot], domain: Any) -> list[tuple[Any, Any]]:
             if _covers(terms.repeated, points):
                 raise _refusal(spot.component, index, domain)
     return possible_sums
-
-
-def _can_be_asked(component: Any) -> bool:
-    if isinstance(component, ConstraintList) or component._rule is None:
-        return False
-    return not isinstance(component._rule, ConstantInitializer) and not component._rule.contains_indices()
 
 
 def _covers(times: set[float], points: tuple[float, ...]) -> bool:
@@ -197,8 +201,15 @@ def discretise(domain: Any, points: tuple[float, ...], grid: Grid) -> Discretisa
     discretisation.formulas = [(data, data.expr) for integral in integrals for data in integral.values()]
     with undone_on_failure(partial(undo_discretisation, discretisation)):
         domain.update(sorted({*grid.times, *grid.points}.difference(points)))
-        domain._fe = list(grid.mesh.boundaries)  # rules may ask for the element of a point
-        expand(found, domain)
+        # Rules may ask for the element of a point, which depends on the scheme where the point is a boundary.
+        domain._fe = list(grid.mesh.boundaries)
+        domain.get_discretization_info().update(
+            scheme=DAE_NAMES.get(grid.scheme.name.split("(")[0], grid.scheme.name),
+            nfe=grid.mesh.elements,
+            ncp=grid.scheme.stages,
+            tau_points=grid.scheme.state_nodes.tolist(),
+        )
+        expand(found, domain, points)
         found = list(spots(root))
         _inherit(found, discretisation)
         discretisations_beside(domain)[domain] = discretisation
@@ -276,6 +287,7 @@ def undo_discretisation(discretisation: Discretisation) -> None:
     for time in [time for time in domain if time not in kept]:
         domain.discard(time)
     domain._fe = sorted(kept)
+    domain.get_discretization_info().clear()
     discretisations_beside(domain).pop(domain, None)
 
 
@@ -314,17 +326,11 @@ def _itself(component: Any) -> Any:
 
 def finalise(discretisation: Discretisation) -> None:
     """The last steps, which cannot fail: substitute, and leave the rest as pyomo.dae does for its own tools."""
-    domain, scheme = discretisation.domain, discretisation.grid.scheme
+    domain = discretisation.domain
     found = list(spots(domain.model()))
-    write_rows(discretisation, substitute_derivatives(discretisation, found))
-    family = scheme.name.split("(")[0]
+    substitute_derivatives(discretisation, found)
+    write_rows(discretisation)
     domain.set_changed(True)
-    domain.get_discretization_info().update(
-        scheme=DAE_NAMES.get(family, scheme.name),
-        nfe=discretisation.grid.mesh.elements,
-        ncp=scheme.stages,
-        tau_points=scheme.state_nodes.tolist(),
-    )
     for spot in found:
         component = spot.component
         if isinstance(component, DerivativeVar):

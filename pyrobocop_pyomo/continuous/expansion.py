@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 from pyomo.core.base.block import Block
-from pyomo.core.base.constraint import Constraint, ConstraintList
+from pyomo.core.base.constraint import Constraint
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.param import Param
 from pyomo.core.base.piecewise import Piecewise
@@ -31,10 +31,11 @@ from pyomo.mpec import Complementarity as MpecComplementarity
 
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.modeling.failures import failures_as
+from pyrobocop_pyomo.modeling.rows_by_rule import add_rows_by_rule
 from pyrobocop_pyomo.modeling.variable_values import within_bounds
 
-from .structure import PAIRS, Spot, axis_on
+from .rows_along import failures_at_new_point, rows_along
+from .structure import PAIRS, Spot, axis_on, rule_of
 
 # In this order: a rule uses components that come before its own. Blocks and expressions that are used earlier are made
 # on demand by Pyomo.
@@ -60,15 +61,15 @@ def refuse_what_cannot_grow(spots: list[Spot], domain: Any) -> None:
                 f"'{component.name}': a {component.ctype.__name__} indexed by '{domain.name}' cannot be discretised. "
                 "Build it after the transformation."
             )
-        if component.ctype in (Constraint, *PAIRS) and len(component._data) > 0 and _without_rule(component):
+        if component.ctype in (Constraint, *PAIRS) and len(component._data) > 0 and rule_of(component) is None:
             raise ModelError(
                 f"'{component.name}': is indexed by '{domain.name}' but has no function as its rule, so that its rows "
                 "at new points are unknown. Give it rule=..., or build it after the transformation."
             )
 
 
-def expand(spots: list[Spot], domain: Any) -> None:
-    """Add what is missing at points of a continuous set.
+def expand(spots: list[Spot], domain: Any, points: tuple[float, ...]) -> None:
+    """Add what is missing at points of a continuous set, which had some before.
 
     Raises
     ------
@@ -82,19 +83,24 @@ def expand(spots: list[Spot], domain: Any) -> None:
                 continue
             axis = axis_on(component, domain)
             # An empty component with a rule may get rows at new points.
-            if axis is None or (ctype in (Constraint, *PAIRS) and _without_rule(component)):
+            if axis is None or (ctype in (Constraint, *PAIRS) and rule_of(component) is None):
                 continue
             known = {axis.others(index) for index in component}
             all_inactive = len(component._data) > 0 and not any(
                 getattr(data, "active", True) for data in component._data.values()
             )
-            # The index set does not change in this loop: no rule of a model adds points.
-            for index in component.index_set():
+            new = [index for index in component.index_set() if index not in component._data]
+            between = [index for index in new if axis.time(index) not in points] if ctype is Constraint else []
+            said = rows_along(component, axis, points, between) if between else None
+            if said is not None:
+                add_rows_by_rule(component, said, between)
+            for index in new:
                 if index in component._data or (ctype is Var and axis.others(index) not in known):
                     continue
-                with failures_as(ModelError, f"'{component.name}': its rule failed at the new point {index}"):
+                with failures_at_new_point(component, index):
                     _make(component, index)
-                if all_inactive and index in component._data:
+            for index in new if all_inactive else ():
+                if index in component._data:
                     component._data[index].deactivate()
 
 
@@ -109,16 +115,16 @@ def _make(component: Any, index: Any) -> None:
         _variable(component, index)
     elif ctype not in (Constraint, Expression):
         component._getitem_when_not_present(index)
-    elif component._rule is not None:
-        said = component._rule(component.parent_block(), index)
+    elif (rule := component._rule) is not None:
+        said = rule(component.parent_block(), index)
         if said is not ctype.Skip:
             component._setitem_when_not_present(index, said)
 
 
 def _parameter(component: Any, index: Any) -> None:
     """The initial value where a function or a number gives it; a default needs no entry."""
-    rule = component._rule
-    if rule is None or rule.contains_indices():
+    rule = rule_of(component)
+    if rule is None:
         return
     value = rule(component.parent_block(), index)
     if value is Param.NoValue:
@@ -140,13 +146,6 @@ def _variable(component: Any, index: Any) -> None:
         component._getitem_when_not_present(index)
     finally:
         component._rule_init = rule
-
-
-def _without_rule(component: Any) -> bool:
-    if isinstance(component, ConstraintList):
-        return True  # never indexed by a set of the user's
-    rule = component._init_rule if component.ctype is MpecComplementarity else component._rule
-    return rule is None or rule.contains_indices()
 
 
 @dataclass

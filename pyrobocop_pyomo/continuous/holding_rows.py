@@ -38,7 +38,7 @@ from pyomo.core.base.var import Var
 from pyomo.dae import DerivativeVar
 
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
+from pyrobocop_pyomo.modeling.rows_by_rule import is_equality, variables_in_rows
 from pyrobocop_pyomo.numerics import Matching
 
 from .structure import PAIRS, Discretisation, Spot, axes_of, axis_on, continuous_sets, open_sets, variables_of_row
@@ -150,7 +150,7 @@ class HoldingRows:
                     outside.append((data, family, time, variables))
                     continue
                 inside.append(data)
-                if component.ctype is Constraint and data.equality:
+                if component.ctype is Constraint and is_equality(data):
                     if family is None:
                         self._held.append(data)
                     self._families.add(family)
@@ -158,7 +158,7 @@ class HoldingRows:
             if component.ctype in PAIRS:
                 self.used.update(id(variable) for data in inside for variable in variables_of_row(data))
             else:
-                self.used |= variables_in_any(data.expr for data in inside).keys()
+                self.used |= variables_in_rows(inside)
         self._refuse_missing_equations(self.used.union(*(variables for _, _, _, variables in outside)))
         pending: list[tuple[Any, list[Any]]] = []
         inequalities: list[tuple[Any, set[int]]] = []

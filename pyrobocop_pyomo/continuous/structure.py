@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from pyomo.common.collections import ComponentMap
 from pyomo.core.base.block import Block
+from pyomo.core.base.constraint import ConstraintList
 from pyomo.core.expr import EqualityExpression
 from pyomo.dae import ContinuousSet
 from pyomo.mpec import Complementarity as MpecComplementarity
@@ -195,6 +196,14 @@ def axes_of(component: Any) -> tuple[Axis, ...]:
         dimension = subset.dimen
         position = position + dimension if position is not None and isinstance(dimension, int) else None
     return tuple(axes)
+
+
+def rule_of(component: Any) -> Any:
+    """The function, or the one value, that the data of a component are made by; None where there is none."""
+    if isinstance(component, ConstraintList):
+        return None  # never indexed by a set of the user's
+    rule = component._init_rule if component.ctype is MpecComplementarity else component._rule
+    return None if rule is None or rule.contains_indices() else rule
 
 
 def axis_on(component: Any, domain: Any) -> Axis | None:

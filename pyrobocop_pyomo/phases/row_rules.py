@@ -6,15 +6,14 @@ from collections.abc import Hashable, Iterator, Mapping
 from functools import cached_property, partial
 from typing import Any
 
-from pyomo.core.base.constraint import ConstraintData
-from pyomo.core.expr import LinearExpression
 from pyomo.core.expr.numvalue import native_numeric_types
 from pyomo.core.expr.relational_expr import RelationalExpression
 
 from pyrobocop_pyomo.modeling.expression_arrays import plain_scalar
 from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, RowRule
+from pyrobocop_pyomo.templates.formula_rows import FormulaRows
 from pyrobocop_pyomo.templates.slots import Slot
-from pyrobocop_pyomo.transcription import collocation_row
+from pyrobocop_pyomo.transcription import collocation_row, collocation_sums, place_of
 
 from .families import equations_by_component
 from .horizon import element_width
@@ -103,58 +102,39 @@ class CollocationRows(RowRule):
 
     def __call__(self, block: Any, index: float) -> Any:
         """The row at a collocation point."""
-        element, row = self._place(block.record, index)
+        element, row = place_of(block.record.grid, index)
         width = element_width(block.record, element, self._duration, self._boundary)
         return collocation_row(self._state, self._rates, block.record.grid, element, row, width)
 
     def sums(self, block: Any, indices: list[float]) -> list[RepeatedSum]:
         """The state's values, by rows of the scheme, and the right-hand sides."""
-        grid, state = block.record.grid, dict(self._state.items())
-        places = [self._place(block.record, time) for time in indices]
-        found = []
-        for row, coefficients in enumerate(grid.scheme.D.tolist()):
-            rows = [i for i, (_, of_row) in enumerate(places) if of_row == row]
-            nodes = [grid.node_times[places[i][0]] for i in rows]
-            variables = [[state[times[k]] for times in nodes] for k in range(len(coefficients))]
-            found.append(RepeatedSum(rows, [1.0] * len(rows), variables, partial(_weighted, coefficients, variables)))
-        found.append(self._right_hand_sides(block, places))
-        return [repeated for repeated in found if repeated.rows]
-
-    def _right_hand_sides(self, block: Any, places: list[tuple[int, int]]) -> RepeatedSum:
-        record: PhaseRecord = block.record
-        grid, duration, boundary = record.grid, self._duration, self._boundary
-        mixture = [[(k, weight) for k, weight in enumerate(row) if weight] for row in grid.scheme.F.tolist()]
-        parts = [(i, element, k, weight) for i, (element, row) in enumerate(places) for k, weight in mixture[row]]
-        times = [grid.stage_times[element][k] for _, element, k, _ in parts]
-        variables = [slot.at_all(block, times) for slot in self._rates.slots]
-        factors = [] if duration.__class__ in native_numeric_types else [[duration] * len(parts)]
-        if record.free_widths:
-            factors += [[boundary[element + end] for _, element, _, _ in parts] for end in (0, 1)]
-        variables += [each for each in factors if not any(each[0] is known[0] for known in variables)]
+        grid = block.record.grid
         # Numbers are factors of the whole, so that elements of different widths repeat one sum.
-        widths = [1.0] * grid.mesh.elements if record.free_widths else grid.mesh.widths.tolist()
+        widths = [1.0] * grid.mesh.elements if block.record.free_widths else grid.mesh.widths.tolist()
+        return collocation_sums(
+            grid, dict(self._state.items()), indices, partial(self._right_hand_sides, block), widths
+        )
+
+    def _right_hand_sides(self, block: Any, times: list[float], elements: list[int]) -> Any:
+        """What the right-hand sides read at some times, factors of their elements included, and each of them."""
+        record: PhaseRecord = block.record
+        duration, boundary = self._duration, self._boundary
+        variables = [slot.at_all(block, times) for slot in self._rates.slots]
+        factors = [] if duration.__class__ in native_numeric_types else [[duration] * len(times)]
+        if record.free_widths:
+            factors += [[boundary[element + end] for element in elements] for end in (0, 1)]
+        variables += [each for each in factors if not any(each[0] is known[0] for known in variables)]
 
         def expression(place: int) -> Any:
-            rate, element = self._rates[times[place]], parts[place][1]
+            rate = self._rates[times[place]]
             if record.free_widths:
-                return element_width(record, element, duration, boundary) * rate
+                return element_width(record, elements[place], duration, boundary) * rate
             return duration * rate if record.normalised else rate
 
-        scales = [-widths[element] * weight for _, element, _, weight in parts]
-        return RepeatedSum([i for i, *_ in parts], scales, variables, expression)
-
-    @staticmethod
-    def _place(record: PhaseRecord, time: float) -> tuple[int, int]:
-        """Element and row of the scheme."""
-        element = record.grid.element_of[time]
-        return element, record.grid.stage_times[element].index(time) - record.grid.scheme.row_stages.start
+        return variables, expression
 
 
-def _weighted(coefficients: list[float], variables: list[list[Any]], place: int) -> Any:
-    return LinearExpression(linear_coefs=coefficients, linear_vars=[each[place] for each in variables])
-
-
-class StatedRows(RowRule):
+class StatedRows(FormulaRows):
     """The rows that a rule over the points says.
 
     Parameters
@@ -165,8 +145,8 @@ class StatedRows(RowRule):
     """
 
     def __init__(self, statement: Statement, rows: Mapping[Hashable, Any]) -> None:
+        super().__init__(rows)
         self._statement, self._is_labelled = statement, None not in rows
-        self._bounds = {label: ConstraintData(row).to_bounded_expression()[::2] for label, row in rows.items()}
         self._last: tuple[float, dict[Hashable, Any]] | None = None
 
     def __getstate__(self) -> dict[str, Any]:
@@ -174,33 +154,18 @@ class StatedRows(RowRule):
 
     def __call__(self, block: Any, index: Any) -> Any:
         """The row of a time, and of a label where there are several."""
-        time, label = self._parts(index)
+        time, label = self.parts(index)
         if self._last is None or self._last[0] != time:
             self._last = time, self._statement.rows(self._statement(block, time))
         row = self._last[1][label]
         return row if isinstance(row, RelationalExpression) else row == 0
 
-    def bounds(self, index: Any) -> tuple[Any, Any]:
-        """Those at any point."""
-        return self._bounds[self._parts(index)[1]]
-
-    def sums(self, block: Any, indices: list[Any]) -> list[RepeatedSum]:
-        """One for each label."""
-        places: dict[Hashable, list[int]] = {}
-        for position, index in enumerate(indices):
-            places.setdefault(self._parts(index)[1], []).append(position)
-        formulas: Any = self._statement.rule.formulas(block)
-        slots = formulas.slots_by(self._statement.rows)
-        found = []
-        for label, positions in places.items():
-            of_label = [indices[position] for position in positions]
-            times = [self._parts(index)[0] for index in of_label]
-            variables = [slot.at_all(block, times) for slot in slots[label]]
-            found.append(RepeatedSum(positions, [1.0] * len(times), variables, partial(self._body_at, block, of_label)))
-        return found
-
-    def _body_at(self, block: Any, indices: list[Any], place: int) -> Any:
-        return ConstraintData(self(block, indices[place])).body
-
-    def _parts(self, index: Any) -> tuple[float, Hashable]:
+    def parts(self, index: Any) -> tuple[float, Hashable]:
+        """The index itself, where rows have labels."""
         return index if self._is_labelled else (index, None)
+
+    def slots(self, block: Any) -> Mapping[Hashable, list[Slot]]:
+        """By what the rule says for all times."""
+        formulas: Any = self._statement.rule.formulas(block)
+        found: dict[Hashable, list[Slot]] = formulas.slots_by(self._statement.rows)
+        return found

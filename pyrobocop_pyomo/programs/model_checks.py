@@ -27,6 +27,7 @@ from pyrobocop_pyomo.diagnosis.statements import unfinished_findings
 from pyrobocop_pyomo.errors import EvaluationError, FunctionError, ModelError
 from pyrobocop_pyomo.modeling.activity import ONE_MODEL, foreign_read, foreign_variable
 from pyrobocop_pyomo.modeling.functions import FunctionOutput, python_function_refused
+from pyrobocop_pyomo.modeling.rows_by_rule import RowByRule
 from pyrobocop_pyomo.modeling.shared_nodes import shared_value, topmost_nodes, variables_in
 
 # An ExternalFunction or a Port does nothing by itself; a derivative along a set that was discretised is a Var.
@@ -115,6 +116,8 @@ def refuse_function_calls(model: BlockData) -> None:
     """
     checked = set()
     for row in _active_rows(model):
+        if row.__class__ is RowByRule:  # its rule reads variables alone
+            continue
         for function in _functions_called((row.expr,)):
             if id(function) in checked:
                 continue

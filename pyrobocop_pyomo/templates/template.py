@@ -116,6 +116,43 @@ class TimeTemplate(_Unknown):
         return getattr(ufunc, method)(*(ArrayEntry(each) if each is self else each for each in inputs), **options)
 
 
+class PointBetween(TimeTemplate):
+    """Stands for all points that a continuous set gets: they lie between those that it has, and are none of them.
+
+    Parameters
+    ----------
+    points : tuple of float
+        Those that it has, in their order.
+    """
+
+    __hash__ = None
+
+    def __init__(self, points: tuple[float, ...]) -> None:
+        super().__init__()
+        self._points = points
+
+    def _is_below(self, number: Any) -> bool | None:
+        """Whether all of them are below a number; None where some are, or where it is none."""
+        if number.__class__ not in numvalue.native_numeric_types or self._points[0] < number < self._points[-1]:
+            return None
+        return bool(number >= self._points[-1])
+
+    def __eq__(self, other: Any) -> Any:
+        if other.__class__ in numvalue.native_numeric_types and other in self._points:
+            return False
+        return super().__eq__(other)
+
+    def __lt__(self, other: Any) -> Any:
+        is_below = self._is_below(other)
+        return super().__lt__(other) if is_below is None else is_below
+
+    def __gt__(self, other: Any) -> Any:
+        is_below = self._is_below(other)
+        return super().__gt__(other) if is_below is None else not is_below
+
+    __le__, __ge__ = __lt__, __gt__
+
+
 class Reading(_Unknown):
     """Stands for what a rule reads at the template of the time other than by ``component[t]``.
 
@@ -207,7 +244,7 @@ class Template:
 
     def _answer(self, block: Any, more: tuple[Any, ...]) -> _Answer:
         if block not in self._answers:
-            self._answers[block] = _Answer(_formulas_of(self.rule, block, more), _grid_of(block))
+            self._answers[block] = _Answer(formulas_of(self.rule, block, more), _grid_of(block))
         return self._answers[block]
 
 
@@ -258,14 +295,26 @@ def templated(rule: Any) -> Any:
     return rule if rule is None or isinstance(rule, Template) else Template(rule)
 
 
-def _formulas_of(rule: Callable[..., Any], home: Any, more: tuple[Any, ...]) -> _Formulas | None:
-    """What a rule says for all times; None where it has to know the time."""
+def formulas_of(
+    rule: Callable[..., Any],
+    home: Any,
+    more: tuple[Any, ...] = (),
+    time: TimeTemplate | None = None,
+    read: Callable[[Any], Any] = lambda result: result,
+) -> _Formulas | None:
+    """What a rule says for all times, or for those that a template stands for; None where it has to know the time.
+
+    Parameters
+    ----------
+    read : callable
+        From what the rule returns to the result.
+    """
     if _looks_at_types(rule):
         return None
-    time = TimeTemplate()
+    time = TimeTemplate() if time is None else time
     try:
         with asked_for_all_times():
-            return _Formulas(rule(home, time, *(given.template(i) for i, given in enumerate(more))), time)
+            return _Formulas(read(rule(home, time, *(given.template(i) for i, given in enumerate(more)))), time)
     except Exception:  # a rule that is no template may raise anything
         return None
 
@@ -275,6 +324,7 @@ def _looks_at_types(rule: Any) -> bool:
     pending, seen = [rule], set()
     while pending:
         held = pending.pop()
+        held = getattr(held, "_fcn", held)  # Pyomo wraps the rules of components
         code = getattr(held, "__code__", held)
         if id(held) in seen or not isinstance(code, CodeType):
             continue
@@ -372,7 +422,7 @@ class _Formulas:
         return not any(step.kind == CALL for step in self._steps.steps) and all(
             kind_of_node(slot.component.__class__) == LEAF
             if isinstance(slot, Always)
-            else type(slot) is Item and slot.component.ctype is Var
+            else type(slot) is Item and issubclass(slot.component.ctype, Var)
             for slot in self._steps.leaves
         )
 

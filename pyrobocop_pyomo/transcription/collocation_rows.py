@@ -14,12 +14,14 @@ A[k, j] f_j`` would hold it up to ``s`` times.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from typing import Any
 
 from pyomo.core.expr import LinearExpression
 from pyomo.core.expr.numeric_expr import MonomialTermExpression, SumExpression
 from pyomo.core.util import quicksum
 
+from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum
 from pyrobocop_pyomo.numerics import Grid, Scheme
 
 
@@ -62,6 +64,56 @@ def collocation_row(
         if weight != 0.0:
             terms.append((backward if weight == 1.0 else backward * weight) * rate[stage])
     return SumExpression(terms), 0
+
+
+def row_times(grid: Grid) -> list[float]:
+    """The collocation points that have a row, element by element."""
+    return [stages[stage] for stages in grid.stage_times for stage in grid.scheme.row_stages]
+
+
+def place_of(grid: Grid, time: float) -> tuple[int, int]:
+    """Element and row of the scheme of a collocation point."""
+    element = grid.element_of[time]
+    return element, grid.stage_times[element].index(time) - grid.scheme.row_stages.start
+
+
+def collocation_sums(
+    grid: Grid,
+    state: Mapping[float, Any],
+    times: list[float],
+    rates: Callable[[list[float], list[int]], tuple[list[list[Any]], Callable[[int], Any]]],
+    widths: list[float],
+) -> list[RepeatedSum]:
+    """What rows of `collocation_row` are the sums of.
+
+    Parameters
+    ----------
+    grid : Grid
+    state : mapping of time to variable
+    times : list of float
+        Of the rows.
+    rates : callable
+        From times and their elements to what right-hand sides read there, and from a place to the one there.
+    widths : list of float
+        Of the elements, as far as they are numbers.
+    """
+    places = [place_of(grid, time) for time in times]
+    found = []
+    for row, coefficients in enumerate(grid.scheme.D.tolist()):
+        rows = [i for i, (_, of_row) in enumerate(places) if of_row == row]
+        nodes = [grid.node_times[places[i][0]] for i in rows]
+        variables = [[state[of_element[k]] for of_element in nodes] for k in range(len(coefficients))]
+        found.append(RepeatedSum(rows, [1.0] * len(rows), variables, partial(_weighted, coefficients, variables)))
+    mixture = [[(k, weight) for k, weight in enumerate(row) if weight] for row in grid.scheme.F.tolist()]
+    parts = [(i, element, k, weight) for i, (element, row) in enumerate(places) for k, weight in mixture[row]]
+    stages = [grid.stage_times[element][k] for _, element, k, _ in parts]
+    scales = [-widths[element] * weight for _, element, _, weight in parts]
+    found.append(RepeatedSum([i for i, *_ in parts], scales, *rates(stages, [element for _, element, *_ in parts])))
+    return [repeated for repeated in found if repeated.rows]
+
+
+def _weighted(coefficients: list[float], variables: list[list[Any]], place: int) -> Any:
+    return LinearExpression(linear_coefs=coefficients, linear_vars=[each[place] for each in variables])
 
 
 def continuity_rows(state: Mapping[float, Any], grid: Grid) -> Iterator[tuple[float, Any]]:
