@@ -309,6 +309,9 @@ class _Procedure(Runner):
                 "objective falls, and no better point was reached along it."
             )
             remedy = "Give an initial guess that is not symmetric, or compare starts: rcp.studies.multistart(model)."
+        elif best.stationarity is None and best.quality(self.settings.tolerances) is Quality.OPTIMAL:
+            message = "Whether the point is stationary is not known: Ipopt converged, and no derivatives say more."
+            remedy = "'python -m pyrobocop_pyomo doctor' shows what takes them."
         else:
             return ()
         return (Finding(Severity.WARNING, message, (), remedy),)
