@@ -79,8 +79,22 @@ SMALL_MOTION_ERROR = 1e-2
 _MOTION = SMALL_MOTION_ERROR / SMALL_OBJECTIVE_ERROR
 # At most so much of errors with different signs is taken to cancel: how well they do is known to leading order only.
 CANCELLED = 0.2
-# An objective below this is zero, but for the tolerance of the solver; its error is compared with this instead.
+# An objective below this part of its scale is zero, but for the tolerance of the solver.
 ZERO_OBJECTIVE = 1e-8
+
+
+def size_of_objective(objective: float, scale: float | None) -> float:
+    """What errors of an objective are compared with: itself, or its scale where it is zero.
+
+    Parameters
+    ----------
+    objective : float
+    scale : float or None
+        By how much the variables change it, which the program was divided by; None where nothing tells it, and only
+        errors below the tolerance of the solver count as zero.
+    """
+    scale, least = (1.0, ZERO_OBJECTIVE) if scale is None else (scale, scale)
+    return abs(objective) if abs(objective) > ZERO_OBJECTIVE * scale else least
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,11 +170,14 @@ class DiscretisationEstimate(Presented):
     phases : dict of phase name to PhaseEstimate
     beside : tuple of str
         What else moves in the model, of which nothing is known, and why.
+    size : float
+        What errors of the objective are compared with, as `size_of_objective` says; NaN without phases.
     """
 
     objective: float
     phases: Mapping[str, PhaseEstimate] = field(repr=False)
     beside: tuple[str, ...] = ()
+    size: float = math.nan
 
     @property
     def objective_error(self) -> float | None:
@@ -179,9 +196,7 @@ class DiscretisationEstimate(Presented):
     def relative_objective_error(self) -> float | None:
         """The same as a part of the objective's size."""
         error = self.objective_error
-        if error is None:
-            return None
-        return error / max(abs(self.objective), ZERO_OBJECTIVE)
+        return None if error is None else error / self.size
 
     @property
     def motion_error(self) -> float | None:
@@ -278,7 +293,7 @@ class DiscretisationEstimate(Presented):
             errors = np.maximum(errors, of.excesses)
         if of is not None and of.objective is not None:
             count = sum(len(other.objective) for other in self.phases.values() if other.objective is not None)
-            errors = np.maximum(errors, of.objective * count / max(abs(self.objective), ZERO_OBJECTIVE))
+            errors = np.maximum(errors, of.objective * count / self.size)
         return errors
 
     @property

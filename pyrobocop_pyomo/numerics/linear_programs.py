@@ -127,7 +127,7 @@ class LinearProgram:
 
     @functools.cached_property
     def _rows_by_kind(self) -> tuple[Any, ...]:
-        """The rows as `linprog` takes them, whatever the bounds, and which of them have equal, upper and lower sides."""
+        """The rows as `linprog` takes them, whatever the bounds; and which have equal, upper and lower sides."""
         columns = self.cost.size
         matrix = scipy.sparse.vstack([scipy.sparse.csr_array((0, columns)), *(some[0] for some in self.rows)], "csr")
         lower, upper = (

@@ -78,6 +78,19 @@ def test_errors_that_a_finer_mesh_does_not_lessen_end_the_loop() -> None:
     assert [step.label for step in result.steps] == ["solve", "finer mesh"]
 
 
+def test_an_objective_of_zero_is_refined_to_a_part_of_its_scale() -> None:
+    """A force without limit holds a place at once: each mesh has a cost of zero, which no motion has."""
+    m, b = one_phase(model="at once", duration=2.0, elements=20)
+    b.x, b.v, b.u = rcp.State(initial=0), rcp.State(initial=0), rcp.Control()
+    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t]})
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: (b.x[t] - 1) ** 2))
+    result = solution(m)
+    assert not result.discretisation.is_large
+    assert 0.0 < result.discretisation.objective_error < 1e-3
+    assert len(result.steps) <= 6
+    assert max(map(abs, b.u.get_values().values())) < 1e9
+
+
 def test_the_mesh_stays_without_tolerance_and_where_it_is_fine_enough() -> None:
     coarse, fine = forced(), forced(elements=40)
     assert rcp.solve(coarse, mesh_tolerance=None).discretisation.is_large
