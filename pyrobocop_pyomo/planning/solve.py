@@ -12,7 +12,7 @@ from typing import Any, TextIO
 from pyrobocop_pyomo.diagnosis.diagnose import doubts_before_solve, is_renamed
 from pyrobocop_pyomo.diagnosis.findings import Finding, Severity
 from pyrobocop_pyomo.diagnosis.least_violation import least_violation
-from pyrobocop_pyomo.diagnosis.statements import refuse_no_model
+from pyrobocop_pyomo.diagnosis.statements import duration_findings, refuse_no_model
 from pyrobocop_pyomo.discretisation.first_meshes import mesh_from_statement
 from pyrobocop_pyomo.discretisation.probe import stepped_over
 from pyrobocop_pyomo.errors import SolverNotFoundError
@@ -219,7 +219,8 @@ def solve(
     if result.quality is Quality.INFEASIBLE and not result.stop_reason.is_final and result.rounding is None:
         result = replace(result, least_violation=least_violation(model, settings.deadline))
     if result.quality is not Quality.INFEASIBLE and not is_renamed(model):
-        result = replace(result, doubts=(*result.doubts, *_missed_between_points(phases_of(model))))
+        missed = _missed_between_points(phases_of(model))
+        result = replace(result, doubts=(*result.doubts, *missed, *duration_findings(model)))
     fingerprint = None if result.safety is None else checksum_of_model(model)
     seconds = time.perf_counter() - started
     result = replace(result, doubts=(*doubts, *result.doubts), seconds=seconds, fingerprint=fingerprint)
