@@ -24,7 +24,7 @@ import numpy as np
 from pyomo.common.tee import redirect_fd
 
 from pyrobocop_pyomo.errors import EvaluationError, ModelError
-from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
+from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline, is_stopped
 from pyrobocop_pyomo.programs.nonlinear_program import FloatArray, NonlinearProgram, PrimalDualPoint, ProblemScaling
 from pyrobocop_pyomo.programs.vectorised_program import EVALUATIONS, compiled_run_of
 
@@ -168,6 +168,7 @@ class IpoptCallbacks:
         """1 where Ipopt may go on after an iteration."""
         if self.after_record is not None:
             self.after_record()
+        self.interrupted = self.interrupted or is_stopped()
         if self.interrupted:
             return 0
         return int(self.on_iteration is None or self.on_iteration(record) is not False)

@@ -1,8 +1,14 @@
-"""`Deadline`: until when work may go on, as a value that is handed from call to call."""
+"""`Deadline`: until when work may go on, as a value that is handed from call to call.
+
+Ctrl-C reaches the main thread alone, which tells others that work for it.
+"""
 
 from __future__ import annotations
 
+import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from pyrobocop_pyomo.errors import SolveFailed
@@ -64,3 +70,26 @@ class Deadline:
 
 
 NO_DEADLINE = Deadline()
+
+# By the identity of a thread that works for another one: whether it was told to stop.
+_STOPPED: dict[int, bool] = {}
+
+
+@contextmanager
+def stoppable_thread() -> Iterator[None]:
+    """Let `stop_threads` stop what this thread does inside."""
+    _STOPPED[threading.get_ident()] = False
+    try:
+        yield
+    finally:
+        del _STOPPED[threading.get_ident()]
+
+
+def stop_threads() -> None:
+    """Tell all threads that can be stopped."""
+    _STOPPED.update(dict.fromkeys(_STOPPED, True))
+
+
+def is_stopped() -> bool:
+    """Whether this thread was told to stop."""
+    return _STOPPED.get(threading.get_ident(), False)
