@@ -11,8 +11,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from pyrobocop_pyomo.errors import SolveFailed
-
 
 @dataclass(frozen=True)
 class Deadline:
@@ -40,22 +38,6 @@ class Deadline:
     def has_passed(self) -> bool:
         """Whether no new work may be started."""
         return self.end is not None and time.perf_counter() >= self.end
-
-    def check(self, work: str) -> None:
-        """Go on where time is left.
-
-        Parameters
-        ----------
-        work : str
-            What has no answer before its end, for the message.
-
-        Raises
-        ------
-        SolveFailed
-            When the deadline has passed.
-        """
-        if self.has_passed:
-            raise SolveFailed(f"{work}: the time limit was reached before there was an answer. Raise time_limit.")
 
     def earlier_by(self, seconds: float) -> Deadline:
         """So many seconds before this one: they are left to what follows."""
