@@ -11,7 +11,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import cached_property
 from typing import Any
 
@@ -256,23 +256,14 @@ class DiscretisationProbe:
     def error(self) -> DiscretisationEstimate:
         """The errors, estimated when they are requested first."""
         if self._found is None:
-            with tables_continued(), self._data_of_the_answer():
+            with tables_continued(), ExitStack() as stack:
+                for datum, number in self._inputs:  # with which it was solved: a study has put others since
+                    stack.callback(datum.set_value, datum.value)
+                    datum.set_value(number)
                 errors = {captured.phase.name: captured.error(self._size) for captured in self._phases}
             self._found = DiscretisationEstimate(self._objective, errors, tuple(self._beside), self._size)
             self._phases, self._inputs, self._model = [], [], None  # what was captured is not needed any more
         return self._found
-
-    @contextmanager
-    def _data_of_the_answer(self) -> Iterator[None]:
-        """Context in which the model has the data that it was solved with: a study has put others since."""
-        now = [(datum, datum.value) for datum, _ in self._inputs]
-        try:
-            for datum, number in self._inputs:
-                datum.set_value(number)
-            yield
-        finally:
-            for datum, number in now:
-                datum.set_value(number)
 
     def __getstate__(self) -> dict[str, Any]:
         self.error()  # with it goes what was captured: a pickle holds no model
