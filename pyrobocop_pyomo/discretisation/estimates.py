@@ -141,12 +141,6 @@ class PhaseEstimate(Presented):
     bounds_passed: str = ""
 
     @property
-    def elements(self) -> int | None:
-        """How many there are; None where nothing is known."""
-        known = self.motion if self.objective is None else self.objective
-        return None if known is None else len(known)
-
-    @property
     def relative(self) -> float | None:
         """Largest error of the motion, as a part of the size of the state."""
         return None if self.motion is None else float(self.motion.max(initial=0.0))
@@ -305,28 +299,26 @@ class DiscretisationEstimate(Presented):
         """What is said wherever a result is shown: the larger error, or why it is not known; empty without a mesh."""
         if not (self.phases or self.beside):
             return ""
-        objective, motion = self.relative_objective_error, self.motion_error
+        objective, motion = self.objective_error, self.motion_error
         if objective is None or motion is None:
             unknown = [phase for phase in self.phases.values() if phase.motion is None or phase.net is None]
             why = (*self.beside, *(phase.remarks[0] for phase in unknown))
             return shorten(f"mesh error not known: {why[0]}", MOST_CHARACTERS, placeholder=" ...")
-        elements = sum(phase.elements or 0 for phase in self.phases.values())
-        error = percent(motion) if motion >= objective else self._objective_error_in_words(objective)
+        elements = sum(len(phase.motion) for phase in self.phases.values() if phase.motion is not None)
+        error = percent(motion) if motion >= objective / self.size else self._objective_error_in_words(objective)
         return f"mesh error {error} on {elements} elements"
 
-    def _objective_error_in_words(self, relative: float) -> str:
+    def _objective_error_in_words(self, error: float) -> str:
         """A part of the objective; where that is zero, a part of it says nothing, and the size does."""
-        error = self.objective_error
-        if error is None or error <= abs(self.objective):
-            return percent(relative)
+        if error <= abs(self.objective):
+            return percent(error / self.size)
         return f"{error:.1e} in its units, where the objective is {self.objective:.1e}"
 
     def sentence(self) -> str:
         """The errors in one line; empty where nothing is known."""
         parts = []
-        error, relative = self.objective_error, self.relative_objective_error
-        if error is not None and relative is not None:
-            parts.append(f"objective {error:.1e} ({self._objective_error_in_words(relative)})")
+        if (error := self.objective_error) is not None:
+            parts.append(f"objective {error:.1e} ({self._objective_error_in_words(error)})")
         elif self.phases:
             parts.append("objective not known")
         worst = max(

@@ -17,6 +17,7 @@ from .arrays import Array, BoolArray
 from .rounding import NEGLIGIBLE
 
 Rows = tuple[Any, Array | float, Array | float]
+Bounds = tuple[Array, Array]
 
 
 class LinearStatus(enum.Enum):
@@ -89,11 +90,7 @@ class LinearProgram:
         return replace(self, rows=[*self.rows, row])
 
     def solve(
-        self,
-        deadline: Deadline,
-        node_limit: int | None = None,
-        gap: float = 1e-6,
-        bounds: tuple[Array, Array] | None = None,
+        self, deadline: Deadline, node_limit: int | None = None, gap: float = 1e-6, bounds: Bounds | None = None
     ) -> LinearAnswer:
         """Solve it.
 

@@ -6,7 +6,7 @@ import numpy as np
 import pyomo.environ as pyo
 import pytest
 from harness.checked import solution
-from harness.phases import bryson_denham, one_phase, rest_to_rest
+from harness.phases import bryson_denham, mass, one_phase, rest_to_rest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -80,9 +80,7 @@ def test_errors_that_a_finer_mesh_does_not_lessen_end_the_loop() -> None:
 
 def test_an_objective_of_zero_is_refined_to_a_part_of_its_scale() -> None:
     """A force without limit holds a place at once: each mesh has a cost of zero, which no motion has."""
-    m, b = one_phase(model="at once", duration=2.0, elements=20)
-    b.x, b.v, b.u = rcp.State(initial=0), rcp.State(initial=0), rcp.Control()
-    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t]})
+    m, b = mass(x={"initial": 0}, v={"initial": 0}, duration=2.0, elements=20)
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: (b.x[t] - 1) ** 2))
     result = solution(m)
     assert not result.discretisation.is_large
