@@ -185,7 +185,7 @@ def duration_findings(model: Any) -> Iterator[Finding]:
     ends = {id(phase.duration): phase for phase in phases_of(model) if phase.has_free_duration}
     goals = [objective.expr for objective in model.component_data_objects(Objective, active=True, descend_into=Block)]
     read = [variable for variable in variables_in_any(goals).values() if not variable.fixed]
-    is_decided = all(id(each) in ends and each.lb != each.ub and each.value - each.lb <= MET for each in read)
+    is_decided = all(id(of) in ends and of.lb not in (None, of.ub) and of.value - of.lb <= MET for of in read)
     controls = free_controls(model)
     for duration in read if is_decided and controls else ():
         yield warning_about(
