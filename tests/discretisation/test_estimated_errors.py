@@ -14,7 +14,7 @@ from harness.checked import solution
 from harness.phases import mass, one_phase
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.discretisation.estimates import DiscretisationEstimate, PhaseEstimate
+from pyrobocop_pyomo.discretisation.estimates import DiscretisationEstimate, PhaseEstimate, size_of_objective
 
 pytestmark = pytest.mark.casadi
 
@@ -268,7 +268,7 @@ def test_modes_of_which_one_holds_leave_the_errors_known(caplog: pytest.LogCaptu
 @pytest.mark.parametrize(("objective", "words"), [(8.0, "1 %"), (1e-9, "8.0e-02 in its units, where the objective is")])
 def test_the_error_of_an_objective_that_is_zero_is_no_part_of_it(objective: float, words: str) -> None:
     phase = PhaseEstimate("p", np.zeros(2), "x", 0.0, np.full(2, 0.04), net=0.08)
-    estimate = DiscretisationEstimate(objective, {"p": phase})
+    estimate = DiscretisationEstimate(objective, {"p": phase}, size=size_of_objective(objective, None))
     for text in (estimate.in_short(), estimate.sentence()):
         assert words in text
 

@@ -122,16 +122,6 @@ def a_chain_of_inequalities(b: Any, followed: bool) -> None:
     b.constraint((lambda b, t: (0, b.x[t], 1)) if followed else (lambda b, t: 0 <= b.x[t] <= 1), name="c")
 
 
-@refused("constraint 'c'", "asks whether a relation", "pyo.Expr_if or complementarity")
-def a_greatest_of_python(b: Any, followed: bool) -> None:
-
-    def positive(b: Any, t: Any) -> Any:
-        part = pyo.Expr_if(b.v[t] >= 0, b.v[t], 0) if followed else max(b.v[t], 0)
-        return part <= 1
-
-    b.constraint(positive, name="c")
-
-
 @refused("constraint 'c'", "is strict", "Write '<='")
 def a_strict_inequality(b: Any, followed: bool) -> None:
     b.constraint((lambda b, t: b.x[t] <= 1) if followed else (lambda b, t: b.x[t] < 1), name="c")
@@ -178,6 +168,11 @@ def a_power_of_another_language(b: Any, followed: bool) -> None:
 @refused("ode 'o'", "derivative of 'x'", "without brackets or a comma behind it")
 def a_comma_too_many(b: Any, followed: bool) -> None:
     b.ode(lambda b, t: {b.x: b.v[t] if followed else (b.v[t],), b.v: b.u[t]}, name="o")
+
+
+@refused("ode 'o'", "computes with a tuple", "a comma too many")
+def a_comma_too_many_within_a_term(b: Any, followed: bool) -> None:
+    b.ode(lambda b, t: {b.x: b.v[t] if followed else -(b.v[t],), b.v: b.u[t]}, name="o")
 
 
 @refused("ode 'o'", "derivative of 'x'", "return statement missing")
@@ -269,6 +264,11 @@ def _choice(b: Any, chosen: Any, followed: bool) -> None:
 @refused("ode 'o'", "'if'", "Step for an 'if x > 0'", _POSITIVE, on=None)
 def a_branch_on_a_state(m: Any, followed: bool) -> None:
     _choice(cart(m), lambda x: x if x > 0 else 0, followed)
+
+
+@refused("ode 'o'", "asks whether a relation", "pyo.Expr_if or complementarity", on=None)
+def the_larger_one_of_python(m: Any, followed: bool) -> None:
+    _choice(cart(m), lambda x: max(x, 0), followed)
 
 
 @refused("ode 'o'", "np.maximum", _POSITIVE, on=None)

@@ -46,6 +46,7 @@ DECLARATIONS = {
     "bounds cross in time": (rcp.Control(bounds=lambda t: (t, 0.5)), "exceeds the upper, 0.5"),
     "guess of a control too long": (rcp.Control(initial_guess=[0.0] * 7), "has 7 values; 3 elements need 3 or 6"),
     "guess is a matrix": (rcp.Control(initial_guess=np.zeros((2, 3))), r"has shape \(2, 3\)"),
+    "guess of a parameter too long": (rcp.Parameter(initial_guess=[1, 2]), "has 2 values; one number need 1"),
     "guess function of a parameter": (rcp.Parameter(initial_guess=abs), "of time, but 'phase .* is one number"),
     "duration as a name": (rcp.Duration(bounds=(1, 2)), r"given to PhaseBlock\(duration="),
     "base class": (Declaration(), "a Declaration cannot be declared"),
@@ -151,10 +152,10 @@ def test_a_cell_that_is_run_again_is_answered_by_which_cells_to_run() -> None:
     assert "again" not in str(of_every_phase.value)
 
 
+@pytest.mark.parametrize("own", [RuntimeError("mine"), TypeError("tuple indices must be integers or slices, not str")])
 @pytest.mark.parametrize("kind", ["ode", "residual", "constraint", "complementarity"])
-def test_the_exception_of_a_rule_comes_out_unchanged(kind: str) -> None:
+def test_the_exception_of_a_rule_comes_out_unchanged(kind: str, own: Exception) -> None:
     m, b = started()
-    own = RuntimeError("mine")
 
     def raises_halfway(b, t):
         b.derivative(b.x)  # makes a variable that has to go again
@@ -162,7 +163,7 @@ def test_the_exception_of_a_rule_comes_out_unchanged(kind: str) -> None:
             raise own
         return {"ode": {b.x: 1.0}, "complementarity": rcp.complements(b.x[t] >= 0, b.u[t] >= 0)}.get(kind, b.x[t] == 1)
 
-    with unchanged(contents, m), pytest.raises(RuntimeError) as caught:
+    with unchanged(contents, m), pytest.raises(type(own)) as caught:
         getattr(b, kind)(raises_halfway)
     assert caught.value is own
     complete(m)

@@ -6,7 +6,7 @@ import numpy as np
 import pyomo.environ as pyo
 import pytest
 from harness.checked import solution
-from harness.phases import one_phase
+from harness.phases import one_phase, rest_to_rest
 from harness.routes import every_backend
 from harness.small_problems import corner
 from hypothesis import given, settings
@@ -154,3 +154,11 @@ def test_a_multiplier_far_from_its_bound_makes_nothing_stationary(weight: float)
     m.y.set_value(2.0)
     point = PrimalDualPoint(np.array([2.0]), np.zeros(0), np.zeros(1), np.zeros(1))
     assert stationarity(compiled.nlp, point, variable_sizes(compiled)) == 0.0
+
+
+@pytest.mark.ipopt
+@pytest.mark.parametrize(("least", "is_decided"), [(3.0, True), (1.0, False)])
+def test_a_least_time_that_its_bound_decides_is_told(least: float, is_decided: bool) -> None:
+    result = solution(rest_to_rest(duration=rcp.Duration(bounds=(least, 10.0))))
+    told = "phase 'p' ends at its lower bound, 3: any values of 'p.u' that meet the constraints are an answer"
+    assert (told in str(result)) is is_decided

@@ -343,6 +343,7 @@ def test_ctrl_c_between_cases_keeps_what_is_done() -> None:
 LONG = """
     import pyomo.environ as pyo
     import pyrobocop_pyomo as rcp
+    from concurrent.futures import ThreadPoolExecutor
 
     def build(name):
         m = pyo.ConcreteModel()
@@ -353,8 +354,8 @@ LONG = """
 
     if __name__ == "__main__":
         print("started", flush=True)
-        tight = {"tol": 1e-300, "dual_inf_tol": 1e-300, "acceptable_iter": 0}
-        found = rcp.sweep(build, ["short", "endless", "late", "later"], start_from=None, workers=WORKERS,
+        tight = {"tol": 1e-300, "dual_inf_tol": 1e-300, "acceptable_iter": 0, "max_iter": 1000000}
+        found = rcp.sweep(build, ["short", "endless", "late", "later"], start_from=None, **WHERE,
                           options=tight, progress=True)
         print([outcome.name for outcome in found], found.remaining, flush=True)
 """
@@ -362,11 +363,13 @@ LONG = """
 
 @pytest.mark.casadi
 @pytest.mark.slow
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize(
+    "where", ["dict(workers=1)", "dict(workers=2)", "dict(engine=rcp.teams.ExecutorEngine(ThreadPoolExecutor(2), 2))"]
+)
 @pytest.mark.ctrl_c
-def test_ctrl_c_during_a_solve_stops_every_process_soon(workers: int, tmp_path: Path) -> None:
+def test_ctrl_c_during_a_solve_stops_every_process_and_thread_soon(where: str, tmp_path: Path) -> None:
     script = tmp_path / "long.py"
-    script.write_text(textwrap.dedent(LONG).replace("WORKERS", str(workers)))
+    script.write_text(textwrap.dedent(LONG).replace("WHERE", where))
     path = str(Path(__file__).parents[2])
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": path}
     running = subprocess.Popen(
