@@ -15,7 +15,7 @@ import pytest
 from harness.phases import one_phase
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import InitialGuessError, PyRobocopError, SimulationFailed, TrajectoryError
+from pyrobocop_pyomo.errors import InitialGuessError, SimulationFailed, TrajectoryError
 
 K = 0.7
 HORIZONS = {"fixed": 1.5, "free": rcp.Duration(bounds=(1.5, 1.5))}
@@ -41,11 +41,9 @@ def rate(x: Any, u: Any) -> Any:
 WRITINGS: dict[str, Callable[[Any, Any], Any]] = {
     "plain": lambda m, b: lambda b, t: {b.x: rate(b.x[t], b.u[t])},
     "closure over the model": lambda m, b: lambda _, t: {m.p.x: rate(m.p.x[t], m.p.u[t])},
-    "component by name": lambda m, b: lambda b, t: {b.component("x"): rate(b.component("x")[t], b.u[t])},
     "find_component": lambda m, b: (
         lambda b, t: {"x": rate(b.find_component("x")[t], b.model().find_component("p.u")[t])}
     ),
-    "items": lambda m, b: lambda b, t: {b.x: rate(dict(b.x.items())[t], b.u[t])},
     "initial value": lambda m, b: lambda b, t: {b.x: rate(b.x[t], b.u[t]) * b.x[b.time.first()]},
     "duration by a closure": lambda m, b: lambda b, t: {b.x: rate(b.x[t], b.u[t]) * m.p.duration / 1.5},
     "a value asked in the rule": lambda m, b: (
@@ -108,13 +106,6 @@ def _(m, b):
 def _(m, b):
     m.k = pyo.Param(pyo.Any, default=K, mutable=True)
     return lambda b, t: {b.x: -m.k[t] * b.x[t] + b.u[t]}
-
-
-@writing("list of variables")
-def _(m, b):
-    m.k = pyo.VarList()
-    m.k.add().fix(K)
-    return lambda b, t: {b.x: -m.k[1] * b.x[t] + b.u[t]}
 
 
 @writing("variable of the user's over the points")
@@ -259,15 +250,3 @@ def test_residuals_constraints_and_pairs_are_judged_by_what_they_say(kind: str, 
     }
     name, expected = at_the_end[kind]
     assert getattr(verdict, name) == pytest.approx(expected, abs=1e-12)
-
-
-def test_a_rule_of_another_model_is_refused() -> None:
-    other = model("plain")
-    part = pyo.Block(concrete=True)  # to be assigned to a model later, which may be the one that is read
-    part.p = b = rcp.PhaseBlock(duration=1.5, elements=2, stages=2)
-    b.x = rcp.State(initial=1.0, initial_guess=1.0)
-    b.ode(lambda b, t: {b.x: other.p.x[t]})
-    m = pyo.ConcreteModel()
-    m.part = part
-    with pytest.raises(PyRobocopError, match="rule '<lambda>' reads 'p.x' of another model"):
-        b.trajectory().verify()
