@@ -44,10 +44,8 @@ def by_scipy(trajectory: Any, fractions: Any) -> Any:
 @pytest.mark.parametrize(
     ("scheme", "stages", "control"),
     [
-        ("radau", 1, {}),
         ("radau", 3, {}),
         ("gauss", 2, {}),
-        ("lobatto", 3, {}),
         ("explicit_euler", None, {"parametrization": "piecewise_constant"}),
         ("radau", 2, {"parametrization": "piecewise_linear"}),
     ],

@@ -362,7 +362,6 @@ def test_labels_hold_polynomials_at_the_times_of_the_data() -> None:
         ({"data": 5}, "expected a data frame with the times as its index"),
         ({"data": {"c": TIMES}}, "there are no times; give the key 'time'"),
         ({"data": {"time": TIMES, "c": [1.0]}}, "expected a data frame .* same length"),
-        ({"data": {"time": TIMES, "c": ["a"] * 5}}, "expected a data frame .* 'a'"),
         ({"data": {"time": TIMES, "c": [np.inf] * 5}}, "the data are infinite at t = 0.1"),
         ({"data": {"time": TIMES, "d": TIMES}}, "the output 'd' is no state"),
         ({"data": {"time": [1, 1], "c": [1, 1]}}, "the data of 'c' have a time twice"),
