@@ -156,12 +156,6 @@ def test_the_callers_array_stays_his_own() -> None:
     assert body.vertices.max() == 1.0
 
 
-def test_three_dimensional_order_does_not_matter() -> None:
-    corners = Polytope.box(1, 2, 3).vertices
-    shuffled = np.random.default_rng(0).permutation(corners)
-    assert same_rows(Polytope.from_vertices(shuffled).vertices, corners, 0.0)
-
-
 # What is left out with a warning.
 
 

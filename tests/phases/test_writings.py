@@ -15,7 +15,7 @@ import pytest
 from harness.phases import one_phase
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.errors import InitialGuessError, SimulationFailed, TrajectoryError
+from pyrobocop_pyomo.errors import InitialGuessError, PyRobocopError, SimulationFailed, TrajectoryError
 
 K = 0.7
 HORIZONS = {"fixed": 1.5, "free": rcp.Duration(bounds=(1.5, 1.5))}
@@ -250,3 +250,15 @@ def test_residuals_constraints_and_pairs_are_judged_by_what_they_say(kind: str, 
     }
     name, expected = at_the_end[kind]
     assert getattr(verdict, name) == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_rule_of_another_model_is_refused() -> None:
+    other = model("plain")
+    part = pyo.Block(concrete=True)  # to be assigned to a model later, which may be the one that is read
+    part.p = b = rcp.PhaseBlock(duration=1.5, elements=2, stages=2)
+    b.x = rcp.State(initial=1.0, initial_guess=1.0)
+    b.ode(lambda b, t: {b.x: other.p.x[t]})
+    m = pyo.ConcreteModel()
+    m.part = part
+    with pytest.raises(PyRobocopError, match="rule '<lambda>' reads 'p.x' of another model"):
+        b.trajectory().verify()
