@@ -162,15 +162,6 @@ def test_what_follows_a_reference_has_an_estimate(reference: Any, vector: dict[s
     assert 0.1 < ratio(following(reference, **vector), exact) < 10.0
 
 
-def test_what_follows_a_plan_has_an_estimate() -> None:
-    plan = following(lambda t: pyo.sin(4 * t))
-    rcp.solve(plan)
-    found = plan.p.trajectory()
-    reference = rcp.Table(found.time, found.x)
-    exact = rcp.solve(following(reference, 60)).objective
-    assert 0.1 < ratio(following(reference), exact) < 10.0
-
-
 @pytest.mark.parametrize("limit", [1.22, 1.24, 1.26])
 @pytest.mark.parametrize("scheme", [RADAU_2, RADAU_3, GAUSS_2], ids=lambda s: f"{s['scheme']} {s['stages']}")
 def test_a_limit_that_is_left_inside_an_element_counts(limit: float, scheme: dict[str, Any]) -> None:

@@ -49,13 +49,6 @@ def test_the_answer_does_not_depend_on_the_size_of_the_guess(power: float, bound
     assert result.objective == pytest.approx(LEAST, rel=1e-4)
 
 
-@every_backend
-@pytest.mark.parametrize("guess", [5e6, 1e9])
-def test_no_backend_is_deceived_by_the_size_of_the_guess(backend: str, guess: float) -> None:
-    result = solution(decaying(guess, bound=1e10), backend=backend)
-    assert result.objective == pytest.approx(LEAST, rel=1e-4)
-
-
 @pytest.mark.ipopt
 @settings(max_examples=15, deadline=None)
 @given(power=POWERS, options=st.sampled_from([{}, {"nlp_scaling_method": "gradient-based"}]))

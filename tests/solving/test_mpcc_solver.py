@@ -188,15 +188,6 @@ def test_how_a_solve_ended_is_told_in_pyomos_words(make, options, limit, ends):
     assert not pyo.check_optimal_termination(legacy().solve(make(), options=options, timelimit=limit))
 
 
-def test_options_reach_ipopt():
-    m = long_valley()
-    results = solver().solve(m, solver_options=ITERATION_LIMIT, raise_exception_on_nonoptimal_result=False)
-    assert {step.iterations for step in results.extra_info.result.steps} <= {0, 1}
-    limited = legacy()
-    limited.options["max_iter"] = 1
-    assert limited.solve(m).solver.termination_condition == pyo.TerminationCondition.maxIterations
-
-
 def test_the_log_goes_to_the_streams_that_are_given_and_nowhere_else(capfd):
     stream = io.StringIO()
     solver().solve(two_corners(), tee=[stream])
