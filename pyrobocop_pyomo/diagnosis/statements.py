@@ -23,6 +23,7 @@ from pyrobocop_pyomo.errors import ComplementarityError, ModelError
 from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES, ONE_MODEL, foreign_read, foreign_variable
 from pyrobocop_pyomo.modeling.rows_by_rule import as_read
 from pyrobocop_pyomo.modeling.shared_nodes import topmost_nodes, variables_in, variables_in_any
+from pyrobocop_pyomo.numerics.rounding import MET
 from pyrobocop_pyomo.phases import Control, phases_of
 from pyrobocop_pyomo.phases.declarations import Declaration
 from pyrobocop_pyomo.phases.structure import sides_of
@@ -176,6 +177,22 @@ def objective_findings(model: Any) -> Iterator[Finding]:
             controls,
             "State what is to be small: m.cost = pyo.Objective(expr=phase.integral(lambda b, t: ...)), or solve the "
             "model that does; where any values will do, 0.",
+        )
+
+
+def duration_findings(model: Any) -> Iterator[Finding]:
+    """Durations at their lower bounds, where the objective reads nothing else: it chooses between no motions then."""
+    ends = {id(phase.duration): phase for phase in phases_of(model) if phase.has_free_duration}
+    goals = [objective.expr for objective in model.component_data_objects(Objective, active=True, descend_into=Block)]
+    read = [variable for variable in variables_in_any(goals).values() if not variable.fixed]
+    is_decided = all(id(of) in ends and of.lb not in (None, of.ub) and of.value - of.lb <= MET for of in read)
+    controls = free_controls(model)
+    for duration in read if is_decided and controls else ():
+        yield warning_about(
+            f"the objective reads durations alone, and that of phase '{ends[id(duration)].name}' ends at its lower "
+            f"bound, {duration.lb:g}: any values of {quoted(controls)} that meet the constraints are an answer.",
+            (duration.name, *controls),
+            "The bound decides. Lower it, or add a cost of the motion: phase.integral(lambda b, t: ...).",
         )
 
 

@@ -79,8 +79,22 @@ SMALL_MOTION_ERROR = 1e-2
 _MOTION = SMALL_MOTION_ERROR / SMALL_OBJECTIVE_ERROR
 # At most so much of errors with different signs is taken to cancel: how well they do is known to leading order only.
 CANCELLED = 0.2
-# An objective below this is zero, but for the tolerance of the solver; its error is compared with this instead.
+# An objective below this part of its scale is zero, but for the tolerance of the solver.
 ZERO_OBJECTIVE = 1e-8
+
+
+def size_of_objective(objective: float, scale: float | None) -> float:
+    """What errors of an objective are compared with: itself, or its scale where it is zero.
+
+    Parameters
+    ----------
+    objective : float
+    scale : float or None
+        By how much the variables change it, which the program was divided by; None where nothing tells it, and only
+        errors below the tolerance of the solver count as zero.
+    """
+    scale, least = (1.0, ZERO_OBJECTIVE) if scale is None else (scale, scale)
+    return abs(objective) if abs(objective) > ZERO_OBJECTIVE * scale else least
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,12 +141,6 @@ class PhaseEstimate(Presented):
     bounds_passed: str = ""
 
     @property
-    def elements(self) -> int | None:
-        """How many there are; None where nothing is known."""
-        known = self.motion if self.objective is None else self.objective
-        return None if known is None else len(known)
-
-    @property
     def relative(self) -> float | None:
         """Largest error of the motion, as a part of the size of the state."""
         return None if self.motion is None else float(self.motion.max(initial=0.0))
@@ -156,11 +164,14 @@ class DiscretisationEstimate(Presented):
     phases : dict of phase name to PhaseEstimate
     beside : tuple of str
         What else moves in the model, of which nothing is known, and why.
+    size : float
+        What errors of the objective are compared with, as `size_of_objective` says; NaN without phases.
     """
 
     objective: float
     phases: Mapping[str, PhaseEstimate] = field(repr=False)
     beside: tuple[str, ...] = ()
+    size: float = math.nan
 
     @property
     def objective_error(self) -> float | None:
@@ -179,9 +190,7 @@ class DiscretisationEstimate(Presented):
     def relative_objective_error(self) -> float | None:
         """The same as a part of the objective's size."""
         error = self.objective_error
-        if error is None:
-            return None
-        return error / max(abs(self.objective), ZERO_OBJECTIVE)
+        return None if error is None else error / self.size
 
     @property
     def motion_error(self) -> float | None:
@@ -278,7 +287,7 @@ class DiscretisationEstimate(Presented):
             errors = np.maximum(errors, of.excesses)
         if of is not None and of.objective is not None:
             count = sum(len(other.objective) for other in self.phases.values() if other.objective is not None)
-            errors = np.maximum(errors, of.objective * count / max(abs(self.objective), ZERO_OBJECTIVE))
+            errors = np.maximum(errors, of.objective * count / self.size)
         return errors
 
     @property
@@ -290,28 +299,26 @@ class DiscretisationEstimate(Presented):
         """What is said wherever a result is shown: the larger error, or why it is not known; empty without a mesh."""
         if not (self.phases or self.beside):
             return ""
-        objective, motion = self.relative_objective_error, self.motion_error
+        objective, motion = self.objective_error, self.motion_error
         if objective is None or motion is None:
             unknown = [phase for phase in self.phases.values() if phase.motion is None or phase.net is None]
             why = (*self.beside, *(phase.remarks[0] for phase in unknown))
             return shorten(f"mesh error not known: {why[0]}", MOST_CHARACTERS, placeholder=" ...")
-        elements = sum(phase.elements or 0 for phase in self.phases.values())
-        error = percent(motion) if motion >= objective else self._objective_error_in_words(objective)
+        elements = sum(len(phase.motion) for phase in self.phases.values() if phase.motion is not None)
+        error = percent(motion) if motion >= objective / self.size else self._objective_error_in_words(objective)
         return f"mesh error {error} on {elements} elements"
 
-    def _objective_error_in_words(self, relative: float) -> str:
+    def _objective_error_in_words(self, error: float) -> str:
         """A part of the objective; where that is zero, a part of it says nothing, and the size does."""
-        error = self.objective_error
-        if error is None or error <= abs(self.objective):
-            return percent(relative)
+        if error <= abs(self.objective):
+            return percent(error / self.size)
         return f"{error:.1e} in its units, where the objective is {self.objective:.1e}"
 
     def sentence(self) -> str:
         """The errors in one line; empty where nothing is known."""
         parts = []
-        error, relative = self.objective_error, self.relative_objective_error
-        if error is not None and relative is not None:
-            parts.append(f"objective {error:.1e} ({self._objective_error_in_words(relative)})")
+        if (error := self.objective_error) is not None:
+            parts.append(f"objective {error:.1e} ({self._objective_error_in_words(error)})")
         elif self.phases:
             parts.append("objective not known")
         worst = max(

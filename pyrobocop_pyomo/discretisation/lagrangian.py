@@ -37,7 +37,6 @@ from pyrobocop_pyomo.phases.reintegration import SMALLEST_SCALE
 from pyrobocop_pyomo.phases.rule_formulas import RuleFormulas
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .estimates import ZERO_OBJECTIVE
 from .phase_multipliers import PhaseMultipliers
 
 # ------------------------------------------------------------------------------------------ best controls at an instant
@@ -271,7 +270,7 @@ class PhaseLagrangian:
             net = first - second
             parts = np.abs(first) + np.abs(second)
             # The next order is smaller than this one by what the parts are of the element's share of the objective.
-            next_order = np.clip(parts * widths.sum() / max(size, ZERO_OBJECTIVE), _NOT_CANCELLED, 1.0)
+            next_order = np.clip(parts * widths.sum() / size, _NOT_CANCELLED, 1.0)
             bound = np.maximum(np.abs(net), next_order * parts)
         if not np.isfinite(bound + passed).all():
             raise TrajectoryError("The estimate has no finite value at some point between those of the mesh.")

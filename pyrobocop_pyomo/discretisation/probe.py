@@ -11,7 +11,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import cached_property
 from typing import Any
 
@@ -55,14 +55,14 @@ from pyrobocop_pyomo.phases.reintegration import reintegrate
 from pyrobocop_pyomo.phases.rule_formulas import RuleFormulas, asked_by_point, read_inside_elements
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .estimates import SMALL_MOTION_ERROR, ZERO_OBJECTIVE, DiscretisationEstimate, PhaseEstimate
+from .estimates import SMALL_MOTION_ERROR, DiscretisationEstimate, PhaseEstimate, size_of_objective
 from .lagrangian import PhaseLagrangian
 from .phase_multipliers import PhaseMultipliers, RowMultipliers, phase_multipliers
 
 # ---------------------------------------------------------------------------------------------------- beside the phases
 
 
-def stated_at_points(model: Any, phases: Sequence[Any], found: RowMultipliers, objective: float) -> str:
+def stated_at_points(model: Any, phases: Sequence[Any], found: RowMultipliers, size: float) -> str:
     """Why costates do not tell the error of the objective; empty where they do.
 
     They know the rows of phases. Planes between shapes, a user's own rows, bounds of rates and costs that are sums over
@@ -74,13 +74,13 @@ def stated_at_points(model: Any, phases: Sequence[Any], found: RowMultipliers, o
     model : Block
     phases : sequence of PhaseBlock
     found : RowMultipliers
-    objective : float
-        Of the answer.
+    size : float
+        Of the objective.
     """
     inside, at_boundaries = _variables_at_points(phases)
     most = max(2, min(phase.grid.mesh.elements for phase in phases) - 1)
     # Per unit of a row: smaller multipliers are what a barrier leaves of rows that restrain nothing.
-    least = MET * max(abs(objective), ZERO_OBJECTIVE)
+    least = MET * size
     chosen = frozenset[float]().union(*(phase.record.chosen_times for phase in phases))
     for goal in model.component_data_objects(Objective, active=True):
         read = _read([goal.expr], phases)
@@ -213,10 +213,14 @@ class DiscretisationProbe:
         Gives `RowMultipliers`, or None.
     objective : float
         Of the answer.
+    scale : float or None
+        Of the objective; see `size_of_objective`.
     """
 
-    def __init__(self, model: Any, multipliers: Callable[[], RowMultipliers | None], objective: float) -> None:
-        self._objective = objective
+    def __init__(
+        self, model: Any, multipliers: Callable[[], RowMultipliers | None], objective: float, scale: float | None
+    ) -> None:
+        self._objective, self._size = objective, size_of_objective(objective, scale)
         self._found: DiscretisationEstimate | None = None
         self._phases: list[_Captured] = []
         phases = phases_of(model)
@@ -237,7 +241,7 @@ class DiscretisationProbe:
         if known is not None and not constant:
             try:
                 weights = integral_weights(model, phases, known)
-                why = stated_at_points(model, phases, known, self._objective)
+                why = stated_at_points(model, phases, known, self._size)
                 known = None if why else known
             except (PyRobocopError, ArithmeticError, ValueError, TypeError, DifferentiationException) as error:
                 known, why = None, str(error)
@@ -252,34 +256,18 @@ class DiscretisationProbe:
     def error(self) -> DiscretisationEstimate:
         """The errors, estimated when they are requested first."""
         if self._found is None:
-            with tables_continued(), self._data_of_the_answer():
-                errors = {captured.phase.name: captured.error(self._objective) for captured in self._phases}
-            self._found = DiscretisationEstimate(self._objective, errors, tuple(self._beside))
+            with tables_continued(), ExitStack() as stack:
+                for datum, number in self._inputs:  # with which it was solved: a study has put others since
+                    stack.callback(datum.set_value, datum.value)
+                    datum.set_value(number)
+                errors = {captured.phase.name: captured.error(self._size) for captured in self._phases}
+            self._found = DiscretisationEstimate(self._objective, errors, tuple(self._beside), self._size)
             self._phases, self._inputs, self._model = [], [], None  # what was captured is not needed any more
         return self._found
 
-    @contextmanager
-    def _data_of_the_answer(self) -> Iterator[None]:
-        """Context in which the model has the data that it was solved with: a study has put others since."""
-        now = [(datum, datum.value) for datum, _ in self._inputs]
-        try:
-            for datum, number in self._inputs:
-                datum.set_value(number)
-            yield
-        finally:
-            for datum, number in now:
-                datum.set_value(number)
-
     def __getstate__(self) -> dict[str, Any]:
-        # A pickle holds no model.
-        return {
-            "_objective": self._objective,
-            "_found": self.error(),
-            "_phases": [],
-            "_inputs": [],
-            "_beside": [],
-            "_model": None,
-        }
+        self.error()  # with it goes what was captured: a pickle holds no model
+        return dict(self.__dict__)
 
 
 def _data_of(model: Any) -> Iterator[Any]:
@@ -322,7 +310,7 @@ class _Captured:
         with self._remarked(remarks, "error of the motion not estimated"):
             motion, state, largest = self._motion()
         with self._remarked(remarks, "error of the objective not estimated"):
-            nets, objective, parts = self._errors_of_objective(abs(size))
+            nets, objective, parts = self._errors_of_objective(size)
             net, flattered = float(nets.sum()), float(parts.sum())
         with self._remarked(remarks, "what is passed between the points is not known"):
             excesses = self._excesses()

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from pyrobocop_pyomo.errors import EngineError, PyRobocopError
-from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline
+from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE, Deadline, stop_threads
 from pyrobocop_pyomo.modeling.failures import undone_on_failure
 
 from .worker_host import Answer, HostedSpec, Request, packed
@@ -237,20 +237,27 @@ class Engine(AbstractContextManager["Engine"]):
             As they come.
         """
         running: dict[Future[Answer], Request] = {}
-        while waiting or running:
-            for request in list(waiting):
-                if all(request.place != other.place for other in running.values()):
-                    waiting.remove(request)
-                    running[self.submit(request)] = request
-            if not wait(running, deadline.left, FIRST_COMPLETED).done:
-                return
-            for future in [future for future in running if future.done()]:  # in the order of submission
-                request = running.pop(future)
-                reply = self._reply(request, future)
-                if reply is None:
-                    waiting.insert(0, request)
-                else:
-                    yield request, reply
+        try:
+            while waiting or running:
+                for request in list(waiting):
+                    if all(request.place != other.place for other in running.values()):
+                        waiting.remove(request)
+                        running[self.submit(request)] = request
+                if not wait(running, deadline.left, FIRST_COMPLETED).done:
+                    return
+                for future in [future for future in running if future.done()]:  # in the order of submission
+                    request = running.pop(future)
+                    reply = self._reply(request, future)
+                    if reply is None:
+                        waiting.insert(0, request)
+                    else:
+                        yield request, reply
+        except KeyboardInterrupt:
+            stop_threads()  # which do not hear it
+            raise
+        finally:
+            for future in running:
+                future.cancel()  # what has not begun
 
     def _reply(self, request: Request, future: Future[Answer]) -> Reply | None:
         """What came of a request; None where its worker died, and it is requested again."""

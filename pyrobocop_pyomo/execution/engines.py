@@ -12,6 +12,7 @@ from typing import Any
 from uuid import uuid4
 
 from pyrobocop_pyomo.errors import EngineError
+from pyrobocop_pyomo.modeling.deadline import stoppable_thread
 from pyrobocop_pyomo.optional_imports import distributed, mpi, mpi_futures
 
 from .engine import Engine
@@ -112,7 +113,8 @@ def _answer_in_worker(engine: str, number: str, request: Request) -> Answer:
     if getattr(_LAST, "engine", None) != engine:
         _LAST.engine, _LAST.host = engine, WorkerHost()
     try:
-        answer: Answer = _LAST.host.answer(request)
+        with stoppable_thread():
+            answer: Answer = _LAST.host.answer(request)
     except SystemExit as error:  # else it would end the caller's process, by the future
         raise RuntimeError(f"a worker was told to end by sys.exit({error.code!r})") from error
     return answer

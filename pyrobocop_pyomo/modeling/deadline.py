@@ -1,11 +1,15 @@
-"""`Deadline`: until when work may go on, as a value that is handed from call to call."""
+"""`Deadline`: until when work may go on, as a value that is handed from call to call.
+
+Ctrl-C reaches the main thread alone, which tells others that work for it.
+"""
 
 from __future__ import annotations
 
+import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-
-from pyrobocop_pyomo.errors import SolveFailed
 
 
 @dataclass(frozen=True)
@@ -35,22 +39,6 @@ class Deadline:
         """Whether no new work may be started."""
         return self.end is not None and time.perf_counter() >= self.end
 
-    def check(self, work: str) -> None:
-        """Go on where time is left.
-
-        Parameters
-        ----------
-        work : str
-            What has no answer before its end, for the message.
-
-        Raises
-        ------
-        SolveFailed
-            When the deadline has passed.
-        """
-        if self.has_passed:
-            raise SolveFailed(f"{work}: the time limit was reached before there was an answer. Raise time_limit.")
-
     def earlier_by(self, seconds: float) -> Deadline:
         """So many seconds before this one: they are left to what follows."""
         return Deadline(None if self.end is None else self.end - seconds)
@@ -64,3 +52,26 @@ class Deadline:
 
 
 NO_DEADLINE = Deadline()
+
+# By the identity of a thread that works for another one: whether it was told to stop.
+_STOPPED: dict[int, bool] = {}
+
+
+@contextmanager
+def stoppable_thread() -> Iterator[None]:
+    """Let `stop_threads` stop what this thread does inside."""
+    _STOPPED[threading.get_ident()] = False
+    try:
+        yield
+    finally:
+        del _STOPPED[threading.get_ident()]
+
+
+def stop_threads() -> None:
+    """Tell all threads that can be stopped."""
+    _STOPPED.update(dict.fromkeys(_STOPPED, True))
+
+
+def is_stopped() -> bool:
+    """Whether this thread was told to stop."""
+    return _STOPPED.get(threading.get_ident(), False)

@@ -25,6 +25,7 @@ _SCALAR = re.compile(r"scalar component '(.*)' as an indexed component")
 _OF_PHASE = re.compile(r"phase '.*?' has no '(\w+)'\.")
 _OF_PYOMO = re.compile(r"VarData|ScalarVar|\w+Expression")
 _SHAPES = re.compile(r"mismatch in its core dimension|could not be broadcast|shapes .* not aligned|same length")
+_OF_TUPLE = re.compile(r"(operand|concatenate|between instances).*\btuple\b")
 _FAMILY = re.compile(r"Indexed\w+|Signal(?:Var|Expression)|ComponentProxy|NotImplementedType")
 
 
@@ -153,7 +154,7 @@ def slip_of(rule: Any, error: Exception, block: Any, arguments: Sequence[str]) -
         return "its rule computes with None. Is a return statement missing, or a variable without value read by .value?"
     if _FAMILY.search(text) is not None:
         return forgotten_index(arguments[1])
-    if "tuple" in text:
+    if _OF_TUPLE.search(text) is not None:
         return "its rule computes with a tuple. Is there a comma too many behind one of its terms?"
     return None
 

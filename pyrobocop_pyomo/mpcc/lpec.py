@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -175,7 +175,7 @@ class _SideChoices(NamedTuple):
             # One column may be a side of several pairs: zero of the one may be far from zero of the other.
             np.maximum.at(lower, sides.index[zero], sides.offset[zero])
             np.minimum.at(upper, sides.index[zero], sides.offset[zero])
-        x = replace(self.linear, lower=lower, upper=upper).solve(deadline).x
+        x = self.linear.solve(deadline, bounds=(lower, upper)).x
         return x, np.inf if x is None else float(self.linear.cost @ x)
 
     def best(

@@ -12,9 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.optional_imports import scipy
 
 from .arrays import Array
+from .linear_programs import LinearProgram, Rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,9 +95,10 @@ def limited_approximation(
     *,
     max_switches: int | None = None,
     min_dwell: float = 0.0,
-    time_limit: float = 20.0,
 ) -> IntegralApproximation | None:
-    """The choice of the smallest gap among those that switch seldom enough: a mixed-integer linear program.
+    """The choice of the smallest gap among those that switch seldom enough, or the best one found in 20 seconds.
+
+    It is that of a mixed-integer linear program.
 
     Parameters
     ----------
@@ -105,8 +108,6 @@ def limited_approximation(
         How often the alternative may change.
     min_dwell : float
         How long an alternative stays at least once it is chosen, as far as the horizon goes.
-    time_limit : float
-        Seconds; the best choice until then is taken.
 
     Returns
     -------
@@ -131,32 +132,24 @@ def limited_approximation(
     def of_each(block: Array) -> Any:
         return scipy.sparse.kron(scipy.sparse.identity(alternatives), block, format="csr")
 
-    limited = scipy.optimize.LinearConstraint
-    constraints = [
-        limited(scipy.sparse.csr_matrix(np.tile(one, alternatives)) @ choices, 1.0, 1.0),
-        limited(of_each(all_before) @ choices - gap, -np.inf, accumulated),
-        limited(of_each(all_before) @ choices + gap, accumulated, np.inf),
+    rows: list[Rows] = [
+        (scipy.sparse.csr_matrix(np.tile(one, alternatives)) @ choices, 1.0, 1.0),
+        (of_each(all_before) @ choices - gap, -np.inf, accumulated),
+        (of_each(all_before) @ choices + gap, accumulated, np.inf),
+        (of_each(one[1:]) @ begins - of_each(one[1:] - one[:-1]) @ choices, 0.0, np.inf),
     ]
-    if intervals > 1:
-        changes = of_each(one[1:] - one[:-1]) @ choices
-        constraints.append(limited(of_each(one[1:]) @ begins - changes, 0.0, np.inf))
     stays = (starts < (starts + min_dwell - 1e-9 * steps)[:, None]) & (np.arange(intervals)[:, None] > 0)
     begun, after = np.nonzero(np.triu(stays, 1))
-    if len(begun):
-        constraints.append(limited(of_each(one[after]) @ choices - of_each(one[begun]) @ begins, 0.0, np.inf))
+    rows.append((of_each(one[after]) @ choices - of_each(one[begun]) @ begins, 0.0, np.inf))
     if max_switches is not None:
         later = np.tile(np.arange(intervals) > 0, alternatives).astype(float)
-        constraints.append(limited(scipy.sparse.csr_matrix(later) @ begins, -np.inf, float(max_switches)))
+        rows.append((scipy.sparse.csr_matrix(later) @ begins, -np.inf, float(max_switches)))
     # Switches that gain nothing cost a little.
     cost = np.concatenate([np.zeros(size), np.full(size, 1e-6 * float(steps.mean()) / max(size, 1)), [1.0]])
-    found = scipy.optimize.milp(
-        cost,
-        constraints=constraints,
-        integrality=np.concatenate([np.ones(size), np.zeros(size + 1)]),
-        bounds=scipy.optimize.Bounds(0.0, np.concatenate([np.ones(2 * size), [np.inf]])),
-        options={"time_limit": time_limit},
-    )
-    if found.x is None:
+    largest = np.append(np.ones(2 * size), np.inf)
+    program = LinearProgram(cost, np.zeros(2 * size + 1), largest, rows, np.arange(2 * size + 1) < size)
+    found = program.solve(Deadline.after(20.0)).x
+    if found is None:
         return None
-    choice = found.x[:size].reshape(alternatives, intervals).argmax(axis=0)
+    choice = found[:size].reshape(alternatives, intervals).argmax(axis=0)
     return IntegralApproximation(choice, integral_gap(relaxed, choice, steps), None)

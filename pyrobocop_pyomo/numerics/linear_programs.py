@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -16,6 +17,7 @@ from .arrays import Array, BoolArray
 from .rounding import NEGLIGIBLE
 
 Rows = tuple[Any, Array | float, Array | float]
+Bounds = tuple[Array, Array]
 
 
 class LinearStatus(enum.Enum):
@@ -87,7 +89,9 @@ class LinearProgram:
         row = (scipy.sparse.csr_array(others[None]), 1.0 - values.sum(), np.inf)
         return replace(self, rows=[*self.rows, row])
 
-    def solve(self, deadline: Deadline, node_limit: int | None = None, gap: float = 1e-6) -> LinearAnswer:
+    def solve(
+        self, deadline: Deadline, node_limit: int | None = None, gap: float = 1e-6, bounds: Bounds | None = None
+    ) -> LinearAnswer:
         """Solve it.
 
         Parameters
@@ -97,25 +101,30 @@ class LinearProgram:
             Most nodes of the search tree: unlike seconds, the same on a busy machine.
         gap : float
             Relative distance from the optimum at which the search may stop.
+        bounds : (lower, upper), optional
+            Of the variables, in place of the program's own.
         """
-        if (self.lower > self.upper + NEGLIGIBLE).any():
+        lower, upper = bounds or (self.lower, self.upper)
+        if (lower > upper + NEGLIGIBLE).any():
             return LinearAnswer(LinearStatus.INFEASIBLE, None)
         if not self.cost.size:
             return LinearAnswer(LinearStatus.SOLVED, np.empty(0))
+        upper = np.maximum(lower, upper)
         if self.integer is None:
-            return self._solve_continuous(deadline)
+            return self._solve_continuous(lower, upper, deadline)
         result = scipy.optimize.milp(
             self.cost,
             integrality=self.integer,
-            bounds=scipy.optimize.Bounds(self.lower, np.maximum(self.lower, self.upper)),
+            bounds=scipy.optimize.Bounds(lower, upper),
             constraints=[scipy.optimize.LinearConstraint(*some) for some in self.rows if some[0].shape[0]],
             options={**_time_limit(deadline), "mip_rel_gap": gap, "node_limit": node_limit},
         )
         status = _STATUS.get(result.status, LinearStatus.STOPPED)
         return LinearAnswer(status, result.x, max(1, int(result.mip_node_count or 0)))
 
-    def _solve_continuous(self, deadline: Deadline) -> LinearAnswer:
-        # `milp` would take programs without integers as well, but some of them ten times as long, or without an end.
+    @functools.cached_property
+    def _rows_by_kind(self) -> tuple[Any, ...]:
+        """The rows as `linprog` takes them, whatever the bounds; and which have equal, upper and lower sides."""
         columns = self.cost.size
         matrix = scipy.sparse.vstack([scipy.sparse.csr_array((0, columns)), *(some[0] for some in self.rows)], "csr")
         lower, upper = (
@@ -124,19 +133,24 @@ class LinearProgram:
         )
         equal = np.flatnonzero(lower == upper)
         above, below = (np.flatnonzero(np.isfinite(bound) & (lower != upper)) for bound in (upper, lower))
+        rows = {
+            "A_ub": scipy.sparse.vstack([matrix[above], -matrix[below]]),
+            "b_ub": np.concatenate([upper[above], -lower[below]]),
+            "A_eq": matrix[equal],
+            "b_eq": lower[equal],
+        }
+        return rows, equal, above, below
+
+    def _solve_continuous(self, lower: Array, upper: Array, deadline: Deadline) -> LinearAnswer:
+        # `milp` would take programs without integers as well, but some of them ten times as long, or without an end.
+        rows, equal, above, below = self._rows_by_kind
         result = scipy.optimize.linprog(
-            self.cost,
-            A_ub=scipy.sparse.vstack([matrix[above], -matrix[below]]),
-            b_ub=np.concatenate([upper[above], -lower[below]]),
-            A_eq=matrix[equal],
-            b_eq=lower[equal],
-            bounds=np.column_stack([self.lower, np.maximum(self.lower, self.upper)]),
-            options=_time_limit(deadline),
+            self.cost, **rows, bounds=np.column_stack([lower, upper]), options=_time_limit(deadline)
         )
         status = _STATUS.get(result.status, LinearStatus.STOPPED)
         if status is not LinearStatus.SOLVED:
             return LinearAnswer(status, None)
-        duals = np.zeros(lower.size)
+        duals = np.zeros(sum(some[0].shape[0] for some in self.rows))
         duals[equal] = result.eqlin.marginals
         duals[above] += result.ineqlin.marginals[: above.size]
         duals[below] -= result.ineqlin.marginals[above.size :]

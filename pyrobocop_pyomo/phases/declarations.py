@@ -117,7 +117,8 @@ class Declaration:
     bounds : (lower, upper), or function of the time that returns such a pair, or None
         None where there is no bound. A function makes a path constraint, ``<name>_bounds``.
     initial_guess : number, array, function of the time index, or None
-        Where the solver starts. By default 0, and for a state the value that it starts with, or else ends with.
+        Where the solver starts. By default 0, and for a state the value that it starts with, or else ends with. What
+        lies outside the bounds moves onto the nearest one.
     units : Pyomo unit or None
         Units of the variable, such as ``pyo.units.m``; numbers of this declaration are meant in them.
     index : int, iterable of labels, Set, or list of several of these, optional

@@ -43,7 +43,7 @@ def add_horizon(block: Any, start: Any) -> None:
     if isinstance(start, Start):
         bounds = check_bounds(start.bounds, f"{what}: start", "bounds")
         guess = initial_number(start.initial_guess, f"{what}: start")
-        block.start = Var(bounds=bounds, initialize=guess, units=block.record.time_units)
+        block.start = Var(bounds=bounds, initialize=within(guess, bounds), units=block.record.time_units)
     elif isinstance(start, float):
         block.start = with_units(block.record, start)
     else:

@@ -213,10 +213,11 @@ class _FinerMeshes:
 
         The same is what differs by no more than what is tolerated, and than the error that was said before.
         """
-        same = min(self._tolerance * abs(before.objective), _estimated_errors(before))
+        found = before.discretisation
+        same = min(self._tolerance * found.size, _estimated_errors(before))
         is_same = _is_optimal(before) and _is_optimal(finer) and abs(finer.objective - before.objective) <= same
-        now, then = (result.discretisation.ratio(self._tolerance) for result in (finer, before))
-        return is_same and not now < then
+        now = replace(finer.discretisation, size=found.size).ratio(self._tolerance)
+        return is_same and not now < found.ratio(self._tolerance)
 
     def _states_of(self, best: SolveResult) -> dict[Any, Trajectory]:
         """What a finer mesh starts from beside the guess; of no phase where the whole answer is better.
@@ -225,7 +226,7 @@ class _FinerMeshes:
         elsewhere, these mean nothing there: they may turn by full circles from point to point.
         """
         nets = [of.net for of in best.discretisation.phases.values() if of.net is not None]
-        are_wanting = abs(sum(nets)) > AIMED * self._tolerance * abs(best.objective)
+        are_wanting = abs(sum(nets)) > AIMED * self._tolerance * best.discretisation.size
         if are_wanting or not (_is_optimal(best) and _misses_its_equations(best)):
             return {}
         found = {phase: phase.trajectory() for phase in self._phases.values()}
@@ -291,9 +292,9 @@ def _estimated_errors(*results: SolveResult) -> float:
     """Of the objectives, in sum; those of the motion where the former are not known."""
     total = 0.0
     for result in results:
-        error = result.discretisation.relative_objective_error
-        error = result.discretisation.largest_known_motion_error if error is None else error
-        total += float(np.nan_to_num(error)) * abs(result.objective)
+        found = result.discretisation
+        motion = float(np.nan_to_num(found.largest_known_motion_error)) * found.size
+        total += motion if found.objective_error is None else found.objective_error
     return total
 
 

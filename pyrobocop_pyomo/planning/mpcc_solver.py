@@ -31,7 +31,7 @@ from pyrobocop_pyomo.solving.iterates import STOP_REASONS, Quality, StopReason
 from pyrobocop_pyomo.solving.solve_result import SolveResult
 
 from .recovery import PlanningPoint, imported_suffixes
-from .solve import OTHER_WORDS, RETIRED_WORDS, solve
+from .solve import OTHER_WORDS, solve
 
 # Every Pyomo solver has these, some under another name.
 _OF_EVERY_SOLVER = ("model", "options", "tee", "time_limit")
@@ -148,7 +148,7 @@ class Mpcc(SolverBase):
 class LegacyMpcc(OlderInterface, Mpcc):
     """`Mpcc` in Pyomo's older interface."""
 
-    own_options = (*CHOICES, *RETIRED_WORDS)
+    own_options = tuple(CHOICES)
 
 
 SolverFactory.register(

@@ -10,9 +10,9 @@ from numbers import Real
 from typing import Any, TextIO
 
 from pyrobocop_pyomo.diagnosis.diagnose import doubts_before_solve, is_renamed
-from pyrobocop_pyomo.diagnosis.findings import Finding, Severity
+from pyrobocop_pyomo.diagnosis.findings import Finding, warning_about
 from pyrobocop_pyomo.diagnosis.least_violation import least_violation
-from pyrobocop_pyomo.diagnosis.statements import refuse_no_model
+from pyrobocop_pyomo.diagnosis.statements import duration_findings, refuse_no_model
 from pyrobocop_pyomo.discretisation.first_meshes import mesh_from_statement
 from pyrobocop_pyomo.discretisation.probe import stepped_over
 from pyrobocop_pyomo.errors import SolverNotFoundError
@@ -35,20 +35,12 @@ from .mesh_loop import solve_on_finer_meshes
 from .safe_planning import SafePlanning
 from .switches_at_boundaries import SwitchesAtBoundaries
 
-# What earlier versions call it.
-RETIRED_WORDS = {
+# What a strategy, other packages and Ipopt call it.
+OTHER_WORDS = {
     **{
         name: f"strategies=rcp.Strategy({name}=...)"
         for name in ("relaxation", "grouping", "schedule", "polish", "exploration")
     },
-    "feasibility_tolerance": "tolerances={'feasibility': ...}",
-    "complementarity_tolerance": "tolerances={'complementarity': ...}",
-    "scaling": "options={'nlp_scaling_method': 'gradient-based'} for scaling=False",
-    "equations": "equations=False of the ObstacleAvoidanceBlock or Containment",
-}
-# What other packages, and Ipopt, call it.
-OTHER_WORDS = {
-    **RETIRED_WORDS,
     "max_iter": "options={'max_iter': ...}",
     "maxiter": "options={'max_iter': ...}",
     "tol": "options={'tol': ...}, or tolerances={'feasibility': ...}",
@@ -219,7 +211,8 @@ def solve(
     if result.quality is Quality.INFEASIBLE and not result.stop_reason.is_final and result.rounding is None:
         result = replace(result, least_violation=least_violation(model, settings.deadline))
     if result.quality is not Quality.INFEASIBLE and not is_renamed(model):
-        result = replace(result, doubts=(*result.doubts, *_missed_between_points(phases_of(model))))
+        missed = _missed_between_points(phases_of(model))
+        result = replace(result, doubts=(*result.doubts, *missed, *duration_findings(model)))
     fingerprint = None if result.safety is None else checksum_of_model(model)
     seconds = time.perf_counter() - started
     result = replace(result, doubts=(*doubts, *result.doubts), seconds=seconds, fingerprint=fingerprint)
@@ -232,11 +225,10 @@ def _missed_between_points(phases: Iterable[Any]) -> Iterator[Finding]:
         missed = sorted(stepped_over(phase), key=lambda found: -found[1])
         for name, amount, moment in missed[:1]:
             more = f", and {len(missed) - 1} more" if len(missed) > 1 else ""
-            yield Finding(
-                Severity.WARNING,
+            yield warning_about(
                 f"phase '{phase.name}': constraint '{name}' holds at the points of the mesh, and is missed between "
                 f"them, at t = {moment:.6g} by {amount:.2g}{more}.",
-                tuple(f"{phase.name}.{name}" for name, _, _ in missed),
+                (f"{phase.name}.{name}" for name, _, _ in missed),
                 "Take more elements, a margin, or for an obstacle an ObstacleAvoidanceBlock, which is kept in between.",
             )
 

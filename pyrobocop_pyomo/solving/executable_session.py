@@ -174,11 +174,7 @@ class ExecutableSession(Session):
             load_suffixes=loader.load_import_suffixes,
             row_multipliers=loader.row_multipliers,
         )
-        # With pairs that is a matter of the polish: the program of the file is another one for each delta.
-        if self._compiled is None or self._relaxed.pairs:
-            return iterate
-        left = self._stationarity(self._compiled.nlp, self.primal_dual(iterate, self._compiled))
-        return replace(iterate, stationarity=left)
+        return self._judged(iterate)
 
     def _run_process(self, options: Mapping[str, Any], deadline: Deadline) -> tuple[IpoptStatus, int]:
         """One process: its status and iterations; its point is put on the model."""
@@ -205,9 +201,7 @@ class ExecutableSession(Session):
 
     def compiled(self, *, anew: bool = False) -> CompiledModel | None:
         """See `Session.compiled`."""
-        if self._compiled is not None and not anew and not self._relaxed.pairs:
-            return self._compiled  # with pairs the rows are those of another delta by now
-        return _compiled_or_none(self._model)
+        return _compiled_or_none(self._model) if anew else self._compiled
 
     def primal_dual(self, iterate: Iterate, compiled: CompiledModel) -> PrimalDualPoint:
         """See `Session.primal_dual`."""

@@ -40,6 +40,7 @@ class InProcessSession(Session):
     """
 
     _compiled: CompiledModel
+    _nlp: NonlinearProgram
 
     def __init__(self, relaxed: RelaxedModel, settings: Settings, derivatives: str | None) -> None:
         known = None if relaxed.pairs else settings.program
@@ -48,10 +49,6 @@ class InProcessSession(Session):
         self._derivatives = derivatives
         self._live = None if settings.output else _live_line(settings.progress, relaxed.model.name)
         self._price: float | None = None  # of violated rows, where these are elastic
-        self._nlp: NonlinearProgram = self._compiled.nlp
-        if relaxed.shifted_rows:
-            rows = self._compiled.numbers_of(relaxed.shifted_rows)
-            self._nlp = ShiftedRows(self._nlp, rows, base=relaxed.delta.value)
         self.solver = str(load_ipopt_library())
         self.derivatives = self._compiled.nlp.derivatives
 
@@ -62,14 +59,6 @@ class InProcessSession(Session):
         if self._stated is None:
             elastic._price *= max(1.0, objective_slope(self._compiled, below=np.inf))
         return elastic
-
-    def _move_to(self, delta: float) -> None:
-        if isinstance(self._nlp, ShiftedRows):
-            self._nlp.delta = delta
-        else:
-            super()._move_to(delta)
-            self._compiled.update()
-            self._nlp = self._compiled.nlp
 
     def follow(self, schedule: BarrierSchedule, options: IpoptOptions, deadline: Deadline) -> Iterator[Iterate]:
         """See `Session.follow`."""
@@ -111,19 +100,19 @@ class InProcessSession(Session):
         self._compiled.load_point(end.x)
         loader = InProcessSolutionLoader(self._compiled, replace(outcome, **vars(end)))
         solver = FELL_BACK if outcome.fell_back else outcome.linear_solver  # empty where Ipopt decided itself
-        return Iterate.of_run(
+        iterate = Iterate.of_run(
             "solve",
             outcome.status,
             mu=outcome.mu,
             iterations=outcome.iterations,
             seconds=outcome.seconds,
             options={**options, "linear_solver": solver} if solver else options,
-            stationarity=self._stationarity(self._nlp, end),
             multipliers=end,
             undefined_at=undefined_at,
             load_suffixes=loader.load_import_suffixes,
             row_multipliers=loader.row_multipliers,
         )
+        return self._judged(iterate)
 
     def compiled(self, *, anew: bool = False) -> CompiledModel | None:
         """See `Session.compiled`."""

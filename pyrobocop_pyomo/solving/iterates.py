@@ -296,9 +296,8 @@ class Iterate(Presented):
         """How good the point is."""
         if not self.excess(tolerances) <= 1.0:
             return Quality.INFEASIBLE
-        shown = self.converged and self.certificate is not Certificate.DESCENT
-        if self.stationarity is not None:
-            shown = shown and self.stationarity <= tolerances.stationarity
+        is_stationary = self.stationarity is None or self.stationarity <= tolerances.stationarity
+        shown = self.converged and is_stationary and self.certificate is not Certificate.DESCENT
         return Quality.OPTIMAL if shown else Quality.FEASIBLE
 
     def standing(self, tolerances: Tolerances, sign: float) -> Standing:

@@ -255,6 +255,7 @@ class _Procedure(Runner):
     def _result(self, best: Iterate) -> SolveResult:
         cut, place = self.record.cut, self.places.last
         scaling = None if place is None else place.session.scaling
+        scale = None if scaling is None else scaling.scales.objective
         if self.multipliers is not None and self.multipliers.kind is Stationarity.S:
             best = replace(best, certificate=Certificate.PROVEN)
         quality, ends = best.quality(self.settings.tolerances), {step.stop_reason for step in self.record.steps}
@@ -278,7 +279,7 @@ class _Procedure(Runner):
             scaling=None if scaling is None else scaling.record,
             checking_seconds=self.record.seconds,
             model=weakref.ref(self.model),
-            probe=DiscretisationProbe(self.model, best.row_multipliers, best.objective),
+            probe=DiscretisationProbe(self.model, best.row_multipliers, best.objective, scale),
             seconds=time.perf_counter() - self.record.started,
         )
 
@@ -309,6 +310,9 @@ class _Procedure(Runner):
                 "objective falls, and no better point was reached along it."
             )
             remedy = "Give an initial guess that is not symmetric, or compare starts: rcp.studies.multistart(model)."
+        elif best.stationarity is None and best.quality(self.settings.tolerances) is Quality.OPTIMAL:
+            message = "Whether the point is stationary is not known: Ipopt converged, and no derivatives say more."
+            remedy = "'python -m pyrobocop_pyomo doctor' shows what takes them."
         else:
             return ()
         return (Finding(Severity.WARNING, message, (), remedy),)

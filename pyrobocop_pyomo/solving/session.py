@@ -24,7 +24,6 @@ from pyrobocop_pyomo.programs.automatic_scaling import (
 )
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 from pyrobocop_pyomo.programs.nonlinear_program import (
-    NonlinearProgram,
     PrimalDualPoint,
     Scales,
     missing_rank,
@@ -67,6 +66,10 @@ class Session(ABC):
 
     def __init__(self, relaxed: RelaxedModel, compiled: CompiledModel | None, settings: Settings) -> None:
         self._relaxed, self._compiled, self._output = relaxed, compiled, settings.output
+        self._nlp = None if compiled is None else compiled.nlp
+        if compiled is not None and relaxed.shifted_rows:
+            rows = compiled.numbers_of(relaxed.shifted_rows)
+            self._nlp = ShiftedRows(compiled.nlp, rows, base=relaxed.delta.value)
         is_wanted = settings.scaling and "nlp_scaling_method" not in settings.options.user
         # The products of pairs are bounded by delta in the units of the user.
         is_scaled = is_wanted and not relaxed.pairs
@@ -85,6 +88,11 @@ class Session(ABC):
     def _move_to(self, delta: float) -> None:
         """Let the next run be of the program with this delta."""
         self._relaxed.delta.set_value(delta)
+        if isinstance(self._nlp, ShiftedRows):
+            self._nlp.delta = delta
+        elif self._compiled is not None:
+            self._compiled.update()
+            self._nlp = self._compiled.nlp
 
     @abstractmethod
     def _solve(self, options: Mapping[str, Any], deadline: Deadline, start: Iterate | None) -> Iterate:
@@ -142,13 +150,18 @@ class Session(ABC):
         slope = objective_slope(self._compiled) if self._relaxed.pairs and self._compiled is not None else 1.0
         return {} if slope == 1.0 else {"obj_scaling_factor": 1.0 / slope}
 
-    def _stationarity(self, nlp: NonlinearProgram, point: PrimalDualPoint) -> float:
-        """What is left of the first-order conditions; infinite where derivatives have no value."""
-        assert self._compiled is not None
+    def _judged(self, iterate: Iterate) -> Iterate:
+        """An iterate, whose point is on the model, with what it leaves of the first-order conditions.
+
+        That is infinite where derivatives have no value, and not known where nothing takes any.
+        """
+        if self._compiled is None or self._nlp is None:
+            return iterate
         try:
-            return stationarity(nlp, point, variable_sizes(self._compiled))
+            point = self.primal_dual(iterate, self._compiled)
+            return replace(iterate, stationarity=stationarity(self._nlp, point, variable_sizes(self._compiled)))
         except EvaluationError:
-            return float("inf")
+            return replace(iterate, stationarity=float("inf"))
 
 
 class DeltaFollowsBarrier:

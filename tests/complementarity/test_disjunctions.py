@@ -21,12 +21,13 @@ from pyrobocop_pyomo.complementarity import (
     Complementarity,
     active_pairs,
     complements,
+    either_zero,
     relaxation_rows_of,
     rows_of,
     shifted_rows_of,
     sources_of,
 )
-from pyrobocop_pyomo.complementarity.lifting import part_values, side_variable
+from pyrobocop_pyomo.complementarity.lifting import side_variable
 from pyrobocop_pyomo.errors import ComplementarityError
 
 from .harness import RELAX, deactivate_pairs, nl_text, state, text_without_pairs
@@ -96,6 +97,7 @@ def model() -> Any:
     m.part = pyo.Block(m.I)
     for i in m.I:
         m.part[i].cc = Complementarity(expr=complements(m.x[i], m.y[1] - m.y[2] >= 0, first_bound="lower"))
+    m.either = Complementarity(expr=either_zero(m.x[1] >= 0, 2 * m.y[2]))
     m.cost = pyo.Objective(expr=sum(m.x[i] - 2 * m.y[i] for i in m.I))
     return m
 
@@ -129,10 +131,10 @@ def test_applications_are_reverted_in_any_order(choose, order):
         choose.revert(m)
 
 
-def test_a_pair_has_two_branches_a_range_three_and_an_equality_none(choose):
+def test_a_pair_has_two_branches_whatever_the_sign_of_a_side_a_range_three_and_an_equality_none(choose):
     m = model()
     (block,) = choose.apply_to(m).blocks
-    assert [len(choice.disjuncts) for choice in block.choices.values()] == [2, 2, 3, 3, 3, 2, 2, 2]
+    assert [len(choice.disjuncts) for choice in block.choices.values()] == [2, 2, 3, 3, 3, 2, 2, 2, 2]
 
 
 @pytest.mark.parametrize("kind", ["clone", "pickle"])
@@ -170,8 +172,7 @@ def test_bounds_of_a_range_stay_those_of_their_parameters(choose):
     assert [pyo.value(block.disjuncts[0, branch].rows[1].lower) for branch in ("lower", "upper")] == [1, 3]
 
 
-@pytest.mark.parametrize("reformulation", REFORMULATIONS)
-def test_a_pair_in_a_disjunct_holds_only_where_that_is_chosen(choose, highs, reformulation):
+def disjunct_with_a_pair() -> Any:
     m = pyo.ConcreteModel()
     m.x, m.y = pyo.Var(bounds=(0, 4)), pyo.Var(bounds=(0, 4))
     m.left, m.right = Disjunct(), Disjunct()
@@ -179,6 +180,12 @@ def test_a_pair_in_a_disjunct_holds_only_where_that_is_chosen(choose, highs, ref
     m.right.row = pyo.Constraint(expr=m.x + m.y <= 3)
     m.either = Disjunction(expr=[m.left, m.right])
     m.cost = pyo.Objective(expr=m.x + m.y, sense=pyo.maximize)
+    return m
+
+
+@pytest.mark.parametrize("reformulation", REFORMULATIONS)
+def test_a_pair_in_a_disjunct_holds_only_where_that_is_chosen(choose, highs, reformulation):
+    m = disjunct_with_a_pair()
     before = state(m)
     token = choose.apply_to(m)
     assert token.blocks[0].parent_block() is m.left
@@ -192,33 +199,16 @@ def test_a_pair_in_a_disjunct_holds_only_where_that_is_chosen(choose, highs, ref
     assert state(m) == before
 
 
-# --------------------------------------------------------------------
-# Together with generalized disjunctive programming, `pyomo.dae`, `pyomo.mpec` lists and Pyomo's KKT conditions.
-
-
-@pytest.fixture
-def choice():
-    m = pyo.ConcreteModel()
-    m.x, m.y = pyo.Var(bounds=(0, 10), initialize=1), pyo.Var(bounds=(0, 10), initialize=2)
-    m.cost = pyo.Objective(expr=m.x + m.y)
-    m.common = Complementarity(expr=complements(m.x >= 0, m.y <= 10))
-    m.left, m.right = Disjunct(), Disjunct()
-    m.left.cc = Complementarity(expr=complements(m.x >= 0, m.y - m.x >= 0))
-    m.right.row = pyo.Constraint(expr=m.x >= 5)
-    m.either = Disjunction(expr=[m.left, m.right])
-    return m
-
-
-def test_pairs_in_a_disjunct_are_refused_until_it_is_chosen(choice):
-    message = r"'left\.cc': lies in the disjunct 'left'"
-    with unchanged(state, choice), pytest.raises(ComplementarityError, match=message):
-        RELAX.apply_to(choice)
-    choice.left.indicator_var.fix(True)
-    choice.right.indicator_var.fix(False)
-    pyo.TransformationFactory("gdp.fix_disjuncts").apply_to(choice)
-    RELAX.apply_to(choice)
-    assert len(shifted_rows_of(choice)) == 2
-    nl_text(choice)
+def test_a_pair_in_a_disjunct_is_not_relaxed_until_that_is_chosen():
+    m = disjunct_with_a_pair()
+    with unchanged(state, m), pytest.raises(ComplementarityError, match=r"'left\.cc': lies in the disjunct 'left'"):
+        RELAX.apply_to(m)
+    m.left.indicator_var.fix(True)
+    m.right.indicator_var.fix(False)
+    pyo.TransformationFactory("gdp.fix_disjuncts").apply_to(m)
+    RELAX.apply_to(m)
+    assert len(shifted_rows_of(m)) == 1
+    nl_text(m)
 
 
 @dataclass(frozen=True)
@@ -289,23 +279,6 @@ def test_a_signed_and_shifted_variable_is_recognised(build, sign, offset, number
 )
 def test_anything_else_is_no_variable(build):
     assert side_variable(build(mixed())) is None
-
-
-@given(
-    terms=st.lists(st.tuples(numbers, st.sampled_from(["x", "y", "z"])), min_size=1, max_size=5),
-    constant=numbers,
-    parameter=st.none() | numbers,
-    values=st.tuples(*[st.none() | numbers] * 3),
-)
-def test_the_parts_of_an_affine_side_are_those_of_its_value(terms, constant, parameter, values):
-    m = pyo.ConcreteModel()
-    m.x, m.y, m.z = (pyo.Var(initialize=number) for number in values)
-    m.p = pyo.Param(initialize=parameter, mutable=True)
-    plain = sum(factor * m.component(name) for factor, name in terms) + constant
-    for side in (plain, plain + m.x, plain + m.p * m.y, plain + m.p):
-        number = pyo.value(side, exception=False)
-        expected = (0, 0) if number is None else (max(number, 0), max(-number, 0))
-        assert part_values(side) == expected
 
 
 def test_only_sides_that_are_no_variables_are_lifted_and_their_products_are_bilinear():

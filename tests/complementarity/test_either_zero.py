@@ -77,14 +77,6 @@ def test_it_is_stated_in_a_phase_and_verified():
     assert b.trajectory().verify().product == pytest.approx(0.25)
 
 
-def test_disjunctions_offer_either():
-    m = nearest(3.0, 1.0, bounds=(0, 4))
-    m.h.setlb(-2)
-    m.h.setub(2)
-    (block,) = pyo.TransformationFactory("pyrobocop.complementarity_to_disjunctions").apply_to(m).blocks
-    assert [len(choice.disjuncts) for choice in block.choices.values()] == [2]
-
-
 def test_a_plain_variable_with_one_bound_is_a_first_side_and_a_bounded_one_a_second():
     m = pyo.ConcreteModel()
     m.x, m.y = pyo.Var(bounds=(0, None)), pyo.Var(bounds=(-1, 2))

@@ -342,3 +342,4 @@ def test_products_without_a_shift_are_bounded_by_themselves():
     alone = stages()
     RELAX.apply_to(alone, relaxation=KanzowSchwartz(), delta=0.4)
     assert [str(row.expr) for row in relaxation_rows_of(m)] == [str(row.expr) for row in relaxation_rows_of(alone)]
+    assert shifted_rows_of(m) == []

@@ -1,8 +1,5 @@
 """The transformation: what it adds, that it can be undone, repeated, copied and questioned."""
 
-from dataclasses import dataclass
-from typing import Any
-
 import pyomo.environ as pyo
 import pyomo.mpec as mpec
 import pytest
@@ -205,17 +202,6 @@ def test_the_name_of_the_generated_block_is_unique(model):
 # ---- failures leave nothing behind
 
 
-@dataclass(frozen=True)
-class Unshiftable:
-    """Without a shift: residuals that cannot be summed."""
-
-    def residual(self, a: Any, b: Any, delta: Any) -> Any:
-        return a + b - (a**2 + b**2 + 2 * delta) ** 0.5
-
-    def shift(self, delta: Any) -> Any:
-        return None
-
-
 def no_pairs(m):
     for source in (m.ours, m.theirs, m.part):
         source.deactivate()
@@ -241,14 +227,6 @@ def test_a_failure_leaves_the_model_as_it_was(model, spoil, options, message):
         spoil(model)
     with unchanged(state, model), unchanged(text_without_pairs, model), pytest.raises(ValueError, match=message):
         RELAX.apply_to(model, **options)
-
-
-def test_a_relaxation_without_a_shift_has_rows_but_none_that_may_move(model):
-    RELAX.apply_to(model, relaxation=Unshiftable(), delta=0.5)
-    assert shifted_rows_of(model) == []
-    row = rows_of(model.part[1].u)[0]
-    assert pyo.value(row.body) == pytest.approx(Unshiftable().residual(1, 3, 0.5))
-    nl_text(model)
 
 
 # ---- residuals

@@ -105,16 +105,6 @@ def test_a_derivative_that_is_freed_again():
 
 
 @pytest.mark.casadi
-def test_a_steady_start_survives_a_copy():
-    m = reactor(explicit=True)
-    OURS.apply_to(m, wrt=m.t, nfe=16)
-    m.accumulation[0].fix(0)
-    m = m.clone()
-    assert m.accumulation[0].fixed
-    assert content_at_the_start(m) == pytest.approx(STEADY, rel=1e-8)
-
-
-@pytest.mark.casadi
 @pytest.mark.parametrize("scheme", ["radau", "gauss"])
 def test_a_profile_that_jumps_after_the_start_may_be_fixed_afterwards(scheme):
     """No row ties the value at the start to the next one when both are given."""

@@ -53,11 +53,6 @@ def sum_in_the_second_set(m):
     m.total = pyo.Objective(expr=sum(m.y[s] for s in m.s))
 
 
-def sum_of_expressions(m):
-    m.square = pyo.Expression(m.t, rule=lambda m, t: m.x[t] ** 2)
-    m.cost = pyo.Objective(expr=sum(m.square[t] for t in m.t))
-
-
 def cost(of):
     return lambda m: m.add_component("cost", pyo.Objective(expr=of(m)))
 
@@ -121,7 +116,6 @@ REFUSED = {
         SUM,
         {},
     ),
-    "sum of expressions": (sum_of_expressions, SUM, {}),
     "trapezoids": (
         cost(lambda m: sum(0.5 * (b - a) * (m.x[a] ** 2 + m.x[b] ** 2) for a, b in pairwise(m.t))),
         SUM,

@@ -14,7 +14,7 @@ from harness.checked import solution
 from harness.phases import mass, one_phase
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.discretisation.estimates import DiscretisationEstimate, PhaseEstimate
+from pyrobocop_pyomo.discretisation.estimates import DiscretisationEstimate, PhaseEstimate, size_of_objective
 
 pytestmark = pytest.mark.casadi
 
@@ -162,15 +162,6 @@ def test_what_follows_a_reference_has_an_estimate(reference: Any, vector: dict[s
     assert 0.1 < ratio(following(reference, **vector), exact) < 10.0
 
 
-def test_what_follows_a_plan_has_an_estimate() -> None:
-    plan = following(lambda t: pyo.sin(4 * t))
-    rcp.solve(plan)
-    found = plan.p.trajectory()
-    reference = rcp.Table(found.time, found.x)
-    exact = rcp.solve(following(reference, 60)).objective
-    assert 0.1 < ratio(following(reference), exact) < 10.0
-
-
 @pytest.mark.parametrize("limit", [1.22, 1.24, 1.26])
 @pytest.mark.parametrize("scheme", [RADAU_2, RADAU_3, GAUSS_2], ids=lambda s: f"{s['scheme']} {s['stages']}")
 def test_a_limit_that_is_left_inside_an_element_counts(limit: float, scheme: dict[str, Any]) -> None:
@@ -268,7 +259,7 @@ def test_modes_of_which_one_holds_leave_the_errors_known(caplog: pytest.LogCaptu
 @pytest.mark.parametrize(("objective", "words"), [(8.0, "1 %"), (1e-9, "8.0e-02 in its units, where the objective is")])
 def test_the_error_of_an_objective_that_is_zero_is_no_part_of_it(objective: float, words: str) -> None:
     phase = PhaseEstimate("p", np.zeros(2), "x", 0.0, np.full(2, 0.04), net=0.08)
-    estimate = DiscretisationEstimate(objective, {"p": phase})
+    estimate = DiscretisationEstimate(objective, {"p": phase}, size=size_of_objective(objective, None))
     for text in (estimate.in_short(), estimate.sentence()):
         assert words in text
 

@@ -8,7 +8,7 @@ import numpy as np
 import pyomo.environ as pyo
 import pytest
 from harness.checked import solution
-from harness.phases import integrator, mass, one_phase
+from harness.phases import mass, one_phase
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.discretisation.first_meshes import mesh_from_statement
@@ -97,20 +97,6 @@ def test_a_drive_of_which_each_element_sees_the_same_part(elements: int) -> None
     m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.u[t] ** 2))
     result = solution(m)
     assert result.objective == pytest.approx(2.0, rel=1e-3)
-
-
-@pytest.mark.ipopt
-def test_a_price_that_the_points_miss_is_seen_by_the_errors() -> None:
-    def charged(elements: int) -> Any:
-        m, b = integrator(x={"initial": 0.0, "final": 10.0}, duration=48.0, elements=elements)
-        hours = np.arange(0.0, 49.0)
-        price = rcp.Table(hours, 2.0 + np.sin(hours * 2 * np.pi / 6) + (hours == 20), name="price")
-        m.cost = pyo.Objective(expr=b.integral(lambda b, t: price(t) * b.u[t] ** 2))
-        return m
-
-    exact = rcp.solve(charged(300), mesh_tolerance=None).objective
-    assert rcp.solve(charged(4), mesh_tolerance=None).objective != pytest.approx(exact, rel=1e-2)
-    assert rcp.solve(charged(4)).objective == pytest.approx(exact, rel=1e-3)
 
 
 @pytest.mark.ipopt

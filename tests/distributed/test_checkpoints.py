@@ -53,9 +53,8 @@ def test_round_trip(tmp_path_factory: pytest.TempPathFactory, number: int, state
 
 def test_a_file_is_replaced_at_once_or_not_at_all(tmp_path: Path) -> None:
     path = Checkpoint(1, "a", {"x": {"v": np.ones(3)}}).save(tmp_path / "team.npz")
-    for broken in (Checkpoint(2, "a", {"x": {"v": np.array([{}], dtype=object)}}),):
-        with pytest.raises(TeamError, match="cannot be saved"):
-            broken.save(path)
+    with pytest.raises(TeamError, match="cannot be saved"):
+        Checkpoint(2, "a", {"x": {"v": np.array([{}], dtype=object)}}).save(path)
     assert Checkpoint.load(path).round == 1
     assert [file.name for file in tmp_path.iterdir()] == ["team.npz"]
 
@@ -67,14 +66,11 @@ def test_a_file_of_another_team_is_refused(tmp_path: Path) -> None:
         Checkpoint.load(path, fingerprint(others))
 
 
-@pytest.mark.parametrize(
-    "content", [b"", b"no archive", b"PK\x03\x04 half an archive"], ids=["empty", "text", "half an archive"]
-)
-def test_what_is_no_checkpoint(tmp_path: Path, content: bytes) -> None:
+def test_what_is_no_checkpoint(tmp_path: Path) -> None:
     path = tmp_path / "team.npz"
     with pytest.raises(TeamError, match="no checkpoint can be read"):
         Checkpoint.load(path)
-    path.write_bytes(content)
+    path.write_bytes(b"no archive")
     with pytest.raises(TeamError, match="no checkpoint can be read"):
         Checkpoint.load(path)
 

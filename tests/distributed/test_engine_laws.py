@@ -161,12 +161,6 @@ def test_arrays_are_not_shared_with_the_coordinator() -> None:
     assert 7.0 not in engine.states()["a"]["x"]
 
 
-def test_facts_come_in_the_order_of_the_specs() -> None:
-    facts = SerialEngine().start(SPECS)
-    assert list(facts) == list(NAMES)
-    assert facts["b"] == {"name": "b", "size": 5}
-
-
 def test_the_serial_engine_takes_any_builder() -> None:
     engine = SerialEngine()
     assert engine.start([TinySpec("a", lambda: np.ones(3), ())]) == {"a": {"name": "a", "size": 3}}

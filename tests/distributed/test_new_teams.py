@@ -11,12 +11,9 @@ import pyrobocop_pyomo as rcp
 
 pytestmark = pytest.mark.casadi
 
-DRONES, TRUCKS, HOUSES = (
-    tuple(f"{kind} {i}" for i in range(count)) for kind, count in (("drone", 6), ("truck", 5), ("house", 8))
-)
+DRONES, TRUCKS = (tuple(f"{kind} {i}" for i in range(count)) for kind, count in (("drone", 6), ("truck", 5)))
 FLIGHT = {"duration": 2.0, "elements": 12}
 ROAD = {"duration": 60.0, "elements": 20}
-DAY = {"duration": 24.0, "elements": 24, "scheme": "implicit_euler"}
 
 
 def drone(name: str) -> pyo.ConcreteModel:
@@ -103,38 +100,7 @@ def trucks() -> rcp.Team:
     return rcp.Team(hub=rcp.Agent("road", road), robots=robots, shared=[rcp.Shared("at[{robot}].s")])
 
 
-def power(line: Any, name: str) -> None:
-    line.p = rcp.Control(bounds=(0, 6), initial_guess=1.0)
-
-
-def house(name: str) -> pyo.ConcreteModel:
-    m, i = pyo.ConcreteModel(name=name), HOUSES.index(name)
-    m.line = rcp.PhaseBlock([name], rule=power, **DAY)
-    m.me = b = rcp.PhaseBlock(**DAY)
-    b.warmth = rcp.State(initial=20.0, bounds=(15, 26))
-    outside = lambda b, t: 5.0 + 3.0 * pyo.sin(0.26 * (b.time_at(t) - 8.0))  # noqa: E731
-    b.ode(lambda b, t: {b.warmth: 0.5 * m.line[name].p[t] - (0.08 + 0.01 * i) * (b.warmth[t] - outside(b, t))})
-    m.cost = pyo.Objective(
-        expr=b.integral(lambda b, t: (b.warmth[t] - 20.0 - 0.3 * i) ** 2 + 0.2 * m.line[name].p[t] ** 2)
-    )
-    return m
-
-
-def grid(capacity: float) -> pyo.ConcreteModel:
-    m = pyo.ConcreteModel(name="grid")
-    m.line = rcp.PhaseBlock(HOUSES, rule=power, **DAY)
-    points = list(m.line[HOUSES[0]].points)
-    m.capacity = pyo.Constraint(points, rule=lambda m, t: sum(line.p[t] for line in m.line.values()) <= capacity)
-    m.cost = pyo.Objective(expr=0.0)
-    return m
-
-
-def houses() -> rcp.Team:
-    robots = [rcp.Agent(name, house, name) for name in HOUSES]
-    return rcp.Team(hub=rcp.Agent("grid", grid, 18.0), robots=robots, shared=[rcp.Shared("line[{robot}]")])
-
-
-@pytest.mark.parametrize("make", [drones, trucks, houses])
+@pytest.mark.parametrize("make", [drones, trucks])
 def test_a_new_team_plans_as_well_as_one_planner_from_defaults(make: Callable[[], rcp.Team]) -> None:
     team = make()
     central = rcp.solve(team.central().model, progress=False, mesh_tolerance=None)

@@ -1,6 +1,7 @@
 """What a team refuses before any solve, how its models are merged, and that failures stay with their agent."""
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pyomo.environ as pyo
@@ -84,29 +85,21 @@ def test_a_force_that_is_not_shared_is_refused(method: str) -> None:
 
 
 @dataclass(frozen=True)
-class Judged:
-    """A score that says two words."""
-
-    strict: bool
-    practical: bool
-
-
-@dataclass(frozen=True)
 class Judge:
     """A physics that gives every plan the same score."""
 
-    score: Judged
+    score: SimpleNamespace  # which says two words
     robot_components: tuple = ("v",)
     hub_components: tuple = ()
 
-    def __call__(self, plans: object) -> Judged:
+    def __call__(self, plans: object) -> SimpleNamespace:
         return self.score
 
 
 @pytest.mark.parametrize("until", ["strict", "practical", "rounds"])
 @pytest.mark.parametrize(("strict", "practical"), [(True, True), (True, False), (False, True), (False, False)])
 def test_what_ends_the_rounds_is_a_success(until: str, strict: bool, practical: bool) -> None:
-    team = rcp.Team(robots=robots(), shared=SHARED, physics=Judge(Judged(strict, practical)))
+    team = rcp.Team(robots=robots(), shared=SHARED, physics=Judge(SimpleNamespace(strict=strict, practical=practical)))
     result = team.solve(Sova(rounds=2, until=until))
     ended_early = len(result.rounds) == 1
     assert ended_early is (strict if until == "strict" else (strict or practical) and until == "practical")
@@ -202,7 +195,7 @@ def drones(physics: Judge | None = None, components: tuple[str, ...] = ("me.x", 
     return rcp.Team(robots=agents, shared=[rcp.Shared("pace")], keep_apart=apart, physics=physics)
 
 
-FINE = Judge(Judged(strict=True, practical=True), robot_components=("me.u",))
+FINE = Judge(SimpleNamespace(strict=True, practical=True), robot_components=("me.u",))
 
 
 @pytest.mark.parametrize("physics", [None, FINE])

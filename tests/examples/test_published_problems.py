@@ -6,7 +6,6 @@ import belt_drive
 import linear_complementarity_control
 import numpy as np
 import pytest
-import quadrotor
 from gaussian_process import GaussianProcessMean
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -48,16 +47,6 @@ def test_the_belt_is_taut_at_both_targets(scenario: int) -> None:
     assert one.tension > 0
 
 
-def test_the_drawn_quadrotor_turns_as_its_equations_say() -> None:
-    rng = np.random.default_rng(0)
-    for yaw, pitch, roll in rng.uniform(-1, 1, (20, 3)):
-        rotation = quadrotor.turned(yaw, pitch, roll)
-        assert rotation @ rotation.T == pytest.approx(np.eye(3))
-        # Thrust acts along minus z of the body: the third column, as the equations of motion write it.
-        (cy, sy), (cp, sp), (cr, sr) = ((np.cos(a), np.sin(a)) for a in (yaw, pitch, roll))
-        assert rotation[:, 2] == pytest.approx([sr * sy + cr * cy * sp, -(cy * sr - cr * sy * sp), cr * cp])
-
-
 def test_the_gallery_has_every_example_with_a_small_picture() -> None:
     page = GALLERY.read_text(encoding="utf-8")
     for path in EXAMPLES.glob("*.py"):
@@ -97,19 +86,6 @@ def test_the_mean_is_its_formula_and_its_derivatives_pass_the_check(seed: int, i
     points = np.random.default_rng(seed + 1).normal(size=(5, inputs))
     np.testing.assert_allclose(mean.value(points), formula(parts, points), rtol=1e-10, atol=1e-12)
     mean.as_function().check_derivatives(points)
-
-
-@given(st.integers(0, 1000), st.floats(-50, 50))
-@settings(max_examples=20)
-def test_neither_the_order_of_centres_nor_the_origin_matters(seed: int, shift: float) -> None:
-    mean, parts = some_mean(seed)
-    order = np.random.default_rng(seed).permutation(12)
-    moved = GaussianProcessMean(
-        **{**parts, "centres": parts["centres"][order] + shift, "weights": parts["weights"][order]}
-    )
-    points = np.random.default_rng(seed + 1).normal(size=(4, 3))
-    for name in ("value", "jacobian", "hessian"):
-        np.testing.assert_allclose(getattr(moved, name)(points + shift), getattr(mean, name)(points), atol=1e-9)
 
 
 def test_data_without_noise_is_reproduced_and_noise_is_found() -> None:

@@ -133,15 +133,6 @@ def test_the_schedule_is_the_start_of_every_model() -> None:
     assert {round(v.value, 9) for v in b.me.x.values()} == {round(now.players["d"][0], 9)}
 
 
-def test_touches_and_flights_are_counted() -> None:
-    force = {"a": [0, 2, 2, 0, 0, 0, 0, 0, 0, 0], "b": [0, 0, 0, 0, 0, 0, 0, 3, 0.05, 0], "c": [0] * 10}
-    plans = {name: {"me.c": np.array(values, dtype=float)} for name, values in force.items()}
-    plans["puck"] = {"body.ux": np.full(11, 0.5), "body.uy": np.zeros(11)}
-    assert game.touches(plans) == (["a", "b"], 4)
-    plans["puck"]["body.ux"][:] = 0.2  # slower than a flight
-    assert game.touches(plans) == (["a", "b"], 0)
-
-
 # --------------------------------------------------------------------
 # The ball and its quadrotors: their models, their sizes, their tasks, and a plan for all of them.
 

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.small_problems import corners
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
@@ -22,16 +23,7 @@ from .relaxation import FischerBurmeister
 from .schedule import Superlinear
 
 amounts = st.floats(1e-3, 1e3)
-
-
-def corner():
-    """Two pairs; the nearest points of both corners are known."""
-    m = pyo.ConcreteModel(name="corner")
-    m.i = pyo.Set(initialize=[1, 2])
-    m.a, m.b = pyo.Var(m.i, bounds=(0, None), initialize=1), pyo.Var(m.i, bounds=(0, None), initialize=1)
-    m.pair = rcp.Complementarity(m.i, rule=lambda m, i: rcp.complements(m.a[i] >= 0, m.b[i] >= 0))
-    m.cost = pyo.Objective(expr=sum((m.a[i] - 2) ** 2 + (m.b[i] - 1) ** 2 for i in m.i))
-    return m
+TWO = {1: (2, 1), 2: (2, 1)}  # at a distance of 1 from their corners
 
 
 # -------------------------------------------------------------------- scheme
@@ -68,7 +60,7 @@ def test_relaxation_accepts_the_same_points_as_the_product(a, b, delta):
 @pytest.mark.casadi
 def test_relaxation_solves():
     assert isinstance(FischerBurmeister(), Relaxation)
-    m = corner()
+    m = corners(TWO)
     result = rcp.solve(
         m,
         strategies=rcp.Strategy(schedule=rcp.relaxations.Geometric(), relaxation=FischerBurmeister()),
@@ -90,7 +82,7 @@ def test_schedule_never_increases_and_meets_its_last_value():
 
 @pytest.mark.casadi
 def test_schedule_solves():
-    result = rcp.solve(corner(), strategies=rcp.Strategy(schedule=Superlinear(), polish=False), backend="casadi")
+    result = rcp.solve(corners(TWO), strategies=rcp.Strategy(schedule=Superlinear(), polish=False), backend="casadi")
     result.raise_for_status()
     # After the schedule the nearest branch is solved, which has no delta.
     relaxed = [step.delta for step in result.steps if step.delta is not None]
@@ -110,7 +102,7 @@ def test_a_schedule_says_by_its_methods_whether_it_follows_the_barrier_parameter
 )
 def test_a_schedule_that_follows_the_barrier_parameter_solves(backend):
     schedule = PowerOfBarrier(last=1e-9)
-    result = rcp.solve(corner(), strategies=rcp.Strategy(schedule=schedule, polish=False), backend=backend)
+    result = rcp.solve(corners(TWO), strategies=rcp.Strategy(schedule=schedule, polish=False), backend=backend)
     result.raise_for_status()
     assert result.objective == pytest.approx(2.0, abs=1e-4)
     assert result.steps[-1].delta == pytest.approx(1e-9)
@@ -128,7 +120,7 @@ def test_a_schedule_that_follows_the_barrier_parameter_solves(backend):
 
 def test_grouping_keeps_every_pair_once():
     assert isinstance(PerComponent(), Grouping)
-    m = corner()
+    m = corners(TWO)
     m.single = rcp.Complementarity(expr=rcp.complements(m.a[1] >= 0, m.b[2] >= 0))
     relax = pyo.TransformationFactory("pyrobocop.relax_complementarity")
     relax.apply_to(m, grouping=PerComponent(), delta=0.1)
@@ -140,7 +132,7 @@ def test_grouping_keeps_every_pair_once():
 
 @pytest.mark.casadi
 def test_grouping_solves():
-    result = rcp.solve(corner(), strategies=rcp.Strategy(grouping=PerComponent()), backend="casadi")
+    result = rcp.solve(corners(TWO), strategies=rcp.Strategy(grouping=PerComponent()), backend="casadi")
     result.raise_for_status()
     assert result.objective == pytest.approx(2.0, abs=1e-5)
 

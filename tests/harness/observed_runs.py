@@ -1,6 +1,5 @@
 """What Ipopt and the linear programs are really asked, and what a test can do to them meanwhile."""
 
-import functools
 import itertools
 import time
 from collections.abc import Callable
@@ -11,7 +10,7 @@ from pyomo.contrib.solver.solvers.ipopt import Ipopt
 
 from pyrobocop_pyomo.ipopt import ipopt_run
 from pyrobocop_pyomo.modeling.deadline import Deadline
-from pyrobocop_pyomo.numerics import linear_programs
+from pyrobocop_pyomo.numerics.linear_programs import LinearAnswer, LinearProgram, LinearStatus
 
 Options = dict[str, Any]
 
@@ -54,17 +53,13 @@ def interrupt_run(monkeypatch: pytest.MonkeyPatch, number: int) -> list[int]:
 
 def before_linear_programs(monkeypatch: pytest.MonkeyPatch, act: Callable[[int], object]) -> None:
     """Call `act` with the number, from 0, of each linear program before its solve; what it raises comes from there."""
-    numbers = itertools.count()
+    solve, numbers = LinearProgram.solve, itertools.count()
 
-    def acting(old: Callable[..., Any]) -> Callable[..., Any]:
-        @functools.wraps(old)
-        def act_and_solve(*arguments: Any) -> Any:
-            act(next(numbers))
-            return old(*arguments)
+    def act_and_solve(*arguments: Any, **named: Any) -> Any:
+        act(next(numbers))
+        return solve(*arguments, **named)
 
-        return act_and_solve
-
-    _replace_solvers(monkeypatch, acting)
+    monkeypatch.setattr(LinearProgram, "solve", act_and_solve)
 
 
 def count_linear_programs(monkeypatch: pytest.MonkeyPatch) -> list[int]:
@@ -77,20 +72,11 @@ def count_linear_programs(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 def slow_linear_programs(monkeypatch: pytest.MonkeyPatch, longest: float) -> None:
     """Let each linear program use its whole time limit, at most `longest` seconds, and find nothing."""
 
-    def sleeping(old: Callable[..., Any]) -> Callable[..., Any]:
-        @functools.wraps(old)
-        def sleep(_program: Any, deadline: Deadline, *_arguments: Any) -> Any:
-            time.sleep(max(0.0, min(deadline.left, longest)))
-            return linear_programs.LinearAnswer(linear_programs.LinearStatus.STOPPED, None)
+    def sleep(_program: Any, deadline: Deadline, *_: Any, **_named: Any) -> Any:
+        time.sleep(max(0.0, min(deadline.left, longest)))
+        return LinearAnswer(LinearStatus.STOPPED, None)
 
-        return sleep
-
-    _replace_solvers(monkeypatch, sleeping)
-
-
-def _replace_solvers(monkeypatch: pytest.MonkeyPatch, new: Callable[[Callable[..., Any]], Callable[..., Any]]) -> None:
-    program = linear_programs.LinearProgram
-    monkeypatch.setattr(program, "solve", new(program.solve))
+    monkeypatch.setattr(LinearProgram, "solve", sleep)
 
 
 def use_processor_time(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,5 +1,7 @@
 """Small problems with known answers, and the ways to solve them."""
 
+from collections.abc import Mapping
+
 import pyomo.environ as pyo
 import pytest
 
@@ -78,6 +80,16 @@ def every_kind_of_row(sense: int = pyo.minimize) -> pyo.ConcreteModel:
     m.equation = pyo.Constraint(expr=m.x[1] * m.x[4] == -0.1 - m.x[5])
     for name in ("dual", "ipopt_zL_out", "ipopt_zU_out", "rc"):
         m.add_component(name, pyo.Suffix(direction=pyo.Suffix.IMPORT))
+    return m
+
+
+def corners(goals: Mapping[int, tuple[float, float]]) -> pyo.ConcreteModel:
+    """The points nearest to goals, each with ``a`` and ``b`` not negative and one of them zero."""
+    m = pyo.ConcreteModel(name="corners")
+    m.i = pyo.Set(initialize=list(goals))
+    m.a, m.b = pyo.Var(m.i, bounds=(0, None), initialize=1), pyo.Var(m.i, bounds=(0, None), initialize=1)
+    m.pair = rcp.Complementarity(m.i, rule=lambda m, i: rcp.complements(m.a[i] >= 0, m.b[i] >= 0))
+    m.cost = pyo.Objective(expr=sum((m.a[i] - p) ** 2 + (m.b[i] - q) ** 2 for i, (p, q) in goals.items()))
     return m
 
 

@@ -211,24 +211,18 @@ def program() -> CompiledModel:
     return CompiledModel(m, "vectorised")
 
 
-def test_runs_share_the_object_and_end_as_without_it() -> None:
+def test_runs_share_the_object_end_as_without_it_and_forget_options_of_earlier_ones() -> None:
     nlp, kept = program().nlp, KeptProblem()
     alone = run_ipopt(nlp, {"max_iter": 50})
     first = run_ipopt(nlp, {"max_iter": 50}, kept=kept)
     used = kept._address
     second = run_ipopt(nlp, {"max_iter": 3}, kept=kept)
-    third = run_ipopt(nlp, {"max_iter": 50}, kept=kept)
     assert used == kept._address
+    third = run_ipopt(nlp, {}, kept=kept)
     assert (second.iterations, second.status.solved) == (3, False)
     for outcome in (first, third):
         np.testing.assert_array_equal(outcome.x, alone.x)
         assert len(outcome.records) == len(alone.records)
-
-
-def test_an_option_of_an_earlier_run_is_forgotten() -> None:
-    nlp, kept = program().nlp, KeptProblem()
-    run_ipopt(nlp, {"max_iter": 1}, kept=kept)
-    assert run_ipopt(nlp, {}, kept=kept).status.solved
 
 
 def test_other_bounds_and_other_programs_are_noticed() -> None:
@@ -238,18 +232,6 @@ def test_other_bounds_and_other_programs_are_noticed() -> None:
     compiled.update()
     assert run_ipopt(compiled.nlp, {}, kept=kept).x[0] >= 0.25 - 1e-7
     assert run_ipopt(program().nlp, {}, kept=kept).x[0] < 0.2
-
-
-def test_a_run_within_a_run_has_an_object_of_its_own() -> None:
-    nlp, kept, inner = program().nlp, KeptProblem(), []
-
-    def again(record: Any) -> bool:
-        if not inner:
-            inner.append(run_ipopt(nlp, {}, kept=kept))
-        return True
-
-    outer = run_ipopt(nlp, {}, kept=kept, on_iteration=again)
-    np.testing.assert_array_equal(outer.x, inner[0].x)
 
 
 def test_what_a_callback_raises_spoils_no_later_run() -> None:

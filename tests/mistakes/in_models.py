@@ -104,11 +104,6 @@ def a_division_by_zero_at_the_guess(b: Any, followed: bool) -> None:
     b.ode(lambda b, t: {b.y: b.x[t] / (b.y[t] + (1 if followed else 0))})
 
 
-@diagnosed("the number -?inf, in constraint 'p.limit' at t = 0.08", "p.limit", pushed)
-def an_infinite_coefficient(b: Any, followed: bool) -> None:
-    b.constraint(lambda b, t: (1 if followed else INF) * b.x[t] <= 1, name="limit")
-
-
 @diagnosed(r"derivative of sqrt.* p.z\[0.08.*, in constraint 'p.speed' at t = 0.08", "p.speed", pushed)
 def a_root_of_zero(b: Any, followed: bool) -> None:
     b.z = rcp.Algebraic(initial_guess=1 if followed else 0, bounds=(0, None))

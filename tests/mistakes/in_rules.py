@@ -26,11 +26,6 @@ def a_control_at_the_start(b: Any, followed: bool) -> None:
     b.model().c = pyo.Constraint(expr=(b.u.at(0) if followed else b.u[0]) == 0)
 
 
-@refused("'p.x' has no value of its own at 0.55", "b.x.at(0.55)")
-def a_state_between_the_points(b: Any, followed: bool) -> None:
-    b.model().c = pyo.Constraint(expr=(b.x.at(0.55) if followed else b.x[0.55]) <= 1)
-
-
 @refused("'p.u' has no value of its own at 0.0", "b.integral(lambda b, t: ...) for a sum over time")
 def a_sum_over_the_times_of_the_states(b: Any, followed: bool) -> None:
     b.model().effort = pyo.Objective(expr=b.integral(effort) if followed else sum(b.u[t] ** 2 for t in b.time))
@@ -53,14 +48,6 @@ def a_bound_on_a_whole_variable(b: Any, followed: bool) -> None:
         b.constraint(lambda b, t: b.x[t] <= 0.7)
     else:
         b.model().c = pyo.Constraint(expr=b.x <= 0.7)
-
-
-@refused("constraint 'wall'", "Is an index missing?", "b.x[t]")
-def a_constraint_without_t(b: Any, followed: bool) -> None:
-
-    @b.constraint
-    def wall(b: Any, t: Any) -> Any:
-        return (b.x[t] if followed else b.x) <= 1.2
 
 
 @refused("ode 'o'", "'p.v' as the derivative of 'x'", "[t] missing")
@@ -122,16 +109,6 @@ def a_chain_of_inequalities(b: Any, followed: bool) -> None:
     b.constraint((lambda b, t: (0, b.x[t], 1)) if followed else (lambda b, t: 0 <= b.x[t] <= 1), name="c")
 
 
-@refused("constraint 'c'", "asks whether a relation", "pyo.Expr_if or complementarity")
-def a_greatest_of_python(b: Any, followed: bool) -> None:
-
-    def positive(b: Any, t: Any) -> Any:
-        part = pyo.Expr_if(b.v[t] >= 0, b.v[t], 0) if followed else max(b.v[t], 0)
-        return part <= 1
-
-    b.constraint(positive, name="c")
-
-
 @refused("constraint 'c'", "is strict", "Write '<='")
 def a_strict_inequality(b: Any, followed: bool) -> None:
     b.constraint((lambda b, t: b.x[t] <= 1) if followed else (lambda b, t: b.x[t] < 1), name="c")
@@ -180,6 +157,11 @@ def a_comma_too_many(b: Any, followed: bool) -> None:
     b.ode(lambda b, t: {b.x: b.v[t] if followed else (b.v[t],), b.v: b.u[t]}, name="o")
 
 
+@refused("ode 'o'", "computes with a tuple", "a comma too many")
+def a_comma_too_many_within_a_term(b: Any, followed: bool) -> None:
+    b.ode(lambda b, t: {b.x: b.v[t] if followed else -(b.v[t],), b.v: b.u[t]}, name="o")
+
+
 @refused("ode 'o'", "derivative of 'x'", "return statement missing")
 def a_derivative_of_a_function_that_returns_nothing(b: Any, followed: bool) -> None:
     b.ode(lambda b, t: {b.x: b.v[t] if followed else None, b.v: b.u[t]}, name="o")
@@ -193,15 +175,6 @@ def a_number_that_does_not_exist(b: Any, followed: bool) -> None:
 @refused("integrand", "returned a list", "one number or formula")
 def a_list_as_integrand(b: Any, followed: bool) -> None:
     b.integral((lambda b, t: b.u[t] + b.v[t]) if followed else (lambda b, t: [b.u[t], b.v[t]]))
-
-
-@refused("integrand", "returned nothing", "return statement missing")
-def an_integrand_that_returns_nothing(b: Any, followed: bool) -> None:
-
-    def force(b: Any, t: Any) -> Any:
-        return b.u[t] if followed else None
-
-    b.integral(force)
 
 
 @refused("'p.v' has no value of its own at ", "v.delayed(t, delay)")
@@ -219,12 +192,6 @@ def the_coefficient_of_friction_by_its_letter(b: Any, followed: bool) -> None:
 def the_end_of_a_phase_by_another_name(m: Any, followed: bool) -> None:
     b = cart(m, final=None)
     m.c = pyo.Constraint(expr=b.x[b.final_time if followed else b.final] >= 1)
-
-
-@refused("phase 'p' has no 'T'", "Did you mean 'duration'?", on=None)
-def the_duration_by_another_name(m: Any, followed: bool) -> None:
-    b = cart(m, duration=rcp.Duration(bounds=(1, 3)))
-    m.soon = pyo.Objective(expr=b.duration if followed else b.T)
 
 
 @refused("'u' is no state", "its states are x, v")
@@ -271,14 +238,14 @@ def a_branch_on_a_state(m: Any, followed: bool) -> None:
     _choice(cart(m), lambda x: x if x > 0 else 0, followed)
 
 
+@refused("ode 'o'", "asks whether a relation", "pyo.Expr_if or complementarity", on=None)
+def the_larger_one_of_python(m: Any, followed: bool) -> None:
+    _choice(cart(m), lambda x: max(x, 0), followed)
+
+
 @refused("ode 'o'", "np.maximum", _POSITIVE, on=None)
 def the_larger_one_of_numpy(m: Any, followed: bool) -> None:
     _choice(cart(m), lambda x: np.maximum(x, 0), followed)
-
-
-@refused("ode 'o'", "is true", _POSITIVE, on=None)
-def a_variable_taken_for_true_or_false(m: Any, followed: bool) -> None:
-    _choice(cart(m), lambda x: x if x else 0, followed)
 
 
 @refused("ode 'o'", "rounds a variable", "AbsoluteValue", on=None)

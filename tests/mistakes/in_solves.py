@@ -20,18 +20,6 @@ def too_little_time(m: Any, followed: bool) -> None:
     driven(m, duration=2.0 if followed else 0.5)
 
 
-@fails(
-    "NOT SOLVED, and proven to have no solution",
-    "of phase 'p' at t = ",
-    "one must give way:\n  'p.u' ",
-    "'p.u' <= 0.1 at ",
-    "Try first to widen the bounds 'p.u' ",
-    on=None,
-)
-def too_little_force(m: Any, followed: bool) -> None:
-    driven(m, force=2.0 if followed else 0.1)
-
-
 @fails("What grows: ", "'p.u'", "Bound what grows", on=None)
 def an_objective_without_a_lower_end(m: Any, followed: bool) -> None:
     b = cart(m, final=None, force=2.0 if followed else None)
@@ -54,12 +42,6 @@ def an_absolute_value_as_objective(b: Any, followed: bool) -> dict[str, Any] | N
     b.constraint(lambda b, t: b.u[t] == b.plus[t] - b.minus[t])
     b.model().effort = pyo.Objective(expr=b.integral(lambda b, t: b.plus[t] + b.minus[t]))
     return None
-
-
-@fails("sqrt(...) of p.v[", "= -1, in right-hand side of 'v' of phase 'p' at t = ", "element 0", "by bounds")
-def a_root_of_a_negative_number(b: Any, followed: bool) -> None:
-    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] - 0.1 * pyo.sqrt(b.v[t] + (1 if followed else -1))})
-    b.model().effort = pyo.Objective(expr=b.integral(effort))
 
 
 @fails("log(...) of p.x[", "'v' of phase 'p' at t = ", "by bounds")

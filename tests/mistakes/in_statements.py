@@ -14,11 +14,6 @@ def a_mistyped_keyword_of_a_state(b: Any, followed: bool) -> None:
     b.z = rcp.State(**{"initial_guess" if followed else "initail_guess": 3})
 
 
-@refused("Control", "no keyword 'bound'", "Did you mean 'bounds'?")
-def a_mistyped_keyword_of_a_control(b: Any, followed: bool) -> None:
-    b.w = rcp.Control(**{"bounds" if followed else "bound": (0, 1)})
-
-
 @refused("Parameter", "no keyword 'value'", "Did you mean 'initial_guess'?")
 def a_word_of_another_package(b: Any, followed: bool) -> None:
     b.k = rcp.Parameter(**{"initial_guess" if followed else "value": 3})

@@ -155,7 +155,6 @@ REFUSED = {
     "a maximum": (lambda x: np.maximum(x, 0), "complementarity"),
     "a choice": (lambda x: np.where(x > 0, x, 0), "complementarity"),
     "a sign": (lambda x: np.sign(x[0]), "phases of their own"),
-    "a remainder": (lambda x: np.mod(x, 1), "phases of their own"),
     "a lookup": (lambda x: np.interp(x[0], [0, 1], [0, 1]), "np.sin"),
     "a branch": (lambda x: 1 if x[0] else 2, "neither true nor false"),
     "math": (lambda x: math.sin(x[0]), "np.sin and the like instead of math.sin"),

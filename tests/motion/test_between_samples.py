@@ -82,18 +82,9 @@ def test_a_vibration_with_the_period_of_the_samples_is_seen(multiple: int) -> No
     assert 0.9 * far <= reported(disc(force)) <= 1.3 * far
 
 
-@pytest.mark.parametrize(
-    ("kind", "form"),
-    [
-        ("bell", "explicit"),
-        ("steps", "explicit"),
-        ("choice", "explicit"),
-        ("choice", "algebraic"),
-        ("choice", "delayed"),
-    ],
-)
-def test_a_gust_of_three_tenths_of_a_millisecond_is_seen(kind: str, form: str) -> None:
-    force = gust(1.037, 1e-4, kind)
+@pytest.mark.parametrize("form", ["explicit", "algebraic", "delayed"])
+def test_a_gust_of_two_tenths_of_a_millisecond_is_seen(form: str) -> None:
+    force = gust(1.037, 1e-4, "choice")
     far = true_gust(force, 1.037, 1e-4)
     assert far > 0.5
     assert 0.9 * far <= reported(disc(force, form=form)) <= 1.3 * far

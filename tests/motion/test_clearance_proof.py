@@ -82,30 +82,9 @@ def test_random_polynomials_against_a_body_that_moves_by_formula(
     check_against_samples(report, distances_by_shapely(first, placed(box.vertices, poses)), clearance)
 
 
-@settings(max_examples=12)
-@given(seed=seeds, clearance=st.floats(0.05, 0.4), offset=st.floats(0.0, 2.0))
-def test_random_motions_in_space(seed: int, clearance: float, offset: float) -> None:
-    random = np.random.default_rng(seed)
-    nodes = np.cumsum(random.normal(size=(3, 6)) * 0.7, axis=0)
-    m = pyo.ConcreteModel()
-    m.t = pyo.RangeSet(0, 2)
-    m.q = pyo.Var(m.t, pyo.RangeSet(0, 5), initialize=lambda m, t, k: float(nodes[t, k]))
-
-    def pose(b: Any, t: Any) -> Any:
-        return spatial_pose([b.q[t, k] for k in range(3)], euler=[b.q[t, k] for k in range(3, 6)])
-
-    shape = Polytope.box(0.8, 0.5, 0.3)
-    wall = Polytope.box(0.6, 0.6, 0.6, center=(*(nodes.mean(axis=0)[:2] + offset), 0.0))
-    report = check(m, shape, [wall], clearance, pose=pose)
-    at = np.linspace(0, 2, 301)
-    q = np.stack([np.interp(at, [0, 1, 2], column) for column in nodes.T], axis=1)
-    found, _ = distances_of_shapes([(shape.placed(spatial_pose(row[:3], euler=row[3:])), wall) for row in q])
-    check_against_samples(report, np.maximum(found, 0.0), clearance)
-
-
-@settings(max_examples=12)
-@given(seed=seeds, clearance=st.floats(0.05, 0.4), spatial=st.booleans())
-def test_random_motions_of_ellipsoids(seed: int, clearance: float, spatial: bool) -> None:
+@settings(max_examples=24)
+@given(seed=seeds, clearance=st.floats(0.05, 0.4), spatial=st.booleans(), boxes=st.booleans())
+def test_random_motions_of_boxes_and_ellipsoids(seed: int, clearance: float, spatial: bool, boxes: bool) -> None:
     """Thin ones that turn fast: their extent along a normal changes as much as their place does."""
     random = np.random.default_rng(seed)
     count, size = (6, 3) if spatial else (3, 2)
@@ -120,8 +99,12 @@ def test_random_motions_of_ellipsoids(seed: int, clearance: float, spatial: bool
     def pose(b: Any, t: Any) -> Any:
         return placed_at([b.q[t, k] for k in range(count)])
 
-    shape = Polytope.ellipsoid(random.uniform(0.1, 1.5, size))
-    wall = Polytope.ellipsoid(random.uniform(0.1, 1.5, size), nodes.mean(axis=0)[:size] + random.normal(size=size))
+    def shaped(center: Any) -> Polytope:
+        sizes = random.uniform(0.1, 1.5, size)
+        return Polytope.box(*sizes, center=center) if boxes else Polytope.ellipsoid(sizes, center)
+
+    shape = shaped(np.zeros(size))
+    wall = shaped(nodes.mean(axis=0)[:size] + random.normal(size=size))
     report = check(m, shape, [wall], clearance, pose=pose)
     at = np.linspace(0, 2, 301)
     q = np.stack([np.interp(at, [0, 1, 2], column) for column in nodes.T], axis=1)

@@ -46,7 +46,6 @@ REFUSED: dict[str, tuple[Any, str]] = {
     "looks back": (lambda b, t: planar_pose(b.x[t - 1], 0), "has no value at t = 0"),
     # Functions without bounds on their curvature.
     "abs": (lambda b, t: planar_pose(abs(0.5 * b.x[t]), 0), "'abs'"),
-    "asin": (lambda b, t: planar_pose(pyo.asin(0.5 * b.x[t]), 0), "'asin'"),
     "a condition": (lambda b, t: planar_pose(pyo.Expr_if(b.x[t] >= 2, b.x[t], 1), 0), "Expr_if"),
 }
 
@@ -61,12 +60,6 @@ def test_controls_and_algebraics() -> None:
     refused(
         m, lambda m, t: planar_pose(m.move.v_x[t], 0), r"'move.v_x\[t\]' is no state of phase 'move'", m.move.points
     )
-
-
-def test_variables_of_the_users_own_on_the_times_of_a_phase() -> None:
-    m = on_a_phase(lambda t: (t, 0, 0), elements=3, duration=1.0)
-    m.extra = pyo.Var(m.move.time, initialize=0.0)
-    refused(m, lambda m, t: planar_pose(m.extra[t], 0), "'extra.t.' is no state", m.move.time)
 
 
 def test_states_over_other_points() -> None:

@@ -89,15 +89,13 @@ def test_what_shows_at_instants_is_called_safe(rate: Any) -> None:
 def euler(kind: str) -> Any:
     """The plain points, or the set of pyomo.dae, of a body between two walls that a spring drives."""
     m = pyo.ConcreteModel(name=kind)
+    points = [0.1 * k for k in range(11)]
+    m.x, m.y, m.u = (pyo.Var(points, initialize=0.0) for _ in range(3))
     if kind == "points":
-        points = [0.1 * k for k in range(11)]
-        m.x, m.y, m.u = (pyo.Var(points, initialize=0.0) for _ in range(3))
         m.euler = pyo.Constraint(
             range(1, 11), rule=lambda m, k: m.y[0.1 * k] == m.y[0.1 * (k - 1)] + 0.1 * m.u[0.1 * k]
         )
     else:
-        points = [0.1 * k for k in range(11)]
-        m.x, m.y, m.u = (pyo.Var(points, initialize=0.0) for _ in range(3))
         m.sums = pyo.Constraint(range(11), rule=lambda m, k: m.y[0.1 * k] == 0.1 * sum(m.u[0.1 * j] for j in range(k)))
     m.avoid = beside_the_wall(points)
     m.cost = pyo.Objective(expr=sum((m.y[t] - 0.3) ** 2 + m.x[t] ** 2 + 0.01 * m.u[t] ** 2 for t in points))

@@ -62,10 +62,3 @@ def test_a_list_of_members_is_refused_when_the_block_is_added() -> None:
         assert block.component("avoid") is None
         with pytest.raises(ObstacleError, match="Give 't' itself"):
             block.inside = rcp.Containment(list(m.t), body=CAR, pose=pose, region=Polytope.box(9, 9))
-
-
-def test_variables_over_the_times_of_a_phase_at_plain_numbers() -> None:
-    m = on_a_phase(lambda t: (t, 0, 0), elements=2, duration=1.0)
-    m.shift = pyo.Var(m.move.time, initialize=0.0)
-    with pytest.raises(ObstacleError, match="'shift.t.' is indexed by 'move.time'"):
-        check(m, CAR, FAR, 0.1, points=list(m.move.time), pose=lambda m, t: planar_pose(m.shift[t], 0))

@@ -264,12 +264,15 @@ def test_without_one_choice_of_binaries_the_next_best_is_found():
     assert program.solve(NO_DEADLINE).status is LinearStatus.INFEASIBLE
 
 
-def test_bounds_that_contradict_each_other_have_no_point():
-    def ends(lower: float, upper: float) -> tuple[LinearStatus, object, int]:
-        return LinearProgram(np.ones(1), np.array([lower]), np.array([upper])).solve(NO_DEADLINE)[:3]
-
-    assert ends(0.5, 0.2) == (LinearStatus.INFEASIBLE, None, 1)
-    assert ends(0.5, 1.0) == (LinearStatus.SOLVED, pytest.approx([0.5]), 1)
+def test_one_program_is_solved_within_other_bounds_and_some_contradict_each_other():
+    program = LinearProgram(np.ones(1), np.array([-1.0]), np.array([1.0]), [(np.ones((1, 1)), 0.1, np.inf)])
+    for lower, upper, ends in (
+        (0.5, 0.2, (LinearStatus.INFEASIBLE, None, 1)),
+        (0.5, 1.0, (LinearStatus.SOLVED, pytest.approx([0.5]), 1)),
+        (-1.0, 0.0, (LinearStatus.INFEASIBLE, None, 1)),
+    ):
+        assert program.solve(NO_DEADLINE, bounds=(np.array([lower]), np.array([upper])))[:3] == ends
+    assert program.solve(NO_DEADLINE).x == pytest.approx([0.1])
 
 
 @given(c=st.lists(NUMBERS, min_size=3, max_size=3), A=st.lists(NUMBERS, min_size=9, max_size=9))

@@ -48,20 +48,6 @@ def test_order_is_computed_from_the_points_and_not_from_the_name() -> None:
     assert Scheme.from_points("typed", [0.155051, 0.6444949, 1.0]).order == 3
 
 
-@pytest.mark.parametrize("stages", STAGES)
-def test_differential_and_integral_forms_are_inverses(stages: int) -> None:
-    # x_i = x_0 + sum_j A_ij xdot_j  and  xdot_i = sum_j D_ij x_j describe the same polynomial.
-    for scheme in (radau(stages), gauss_legendre(stages)):
-        np.testing.assert_allclose(scheme.D[:, 1:] @ scheme.A, np.eye(stages), atol=1e-9)
-        np.testing.assert_allclose(scheme.end_weights[1:] @ scheme.A, scheme.b, atol=1e-9)
-
-
-def test_one_stage_members_are_the_euler_and_midpoint_rules() -> None:
-    euler, midpoint = find_scheme("implicit_euler"), find_scheme("implicit_midpoint")
-    assert (euler.c[0], euler.A[0, 0], euler.b[0]) == (1.0, 1.0, 1.0)
-    assert (midpoint.c[0], midpoint.A[0, 0], midpoint.b[0]) == pytest.approx((0.5, 0.5, 1.0))
-
-
 @settings(deadline=None)
 @example(nodes=[0, 1], coefficients=[1.0], at=5e-324)
 @given(

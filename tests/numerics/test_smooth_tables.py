@@ -99,7 +99,6 @@ def test_beyond_the_edges():
     ("given", "options", "message"),
     [
         (([0, 2, 1, 3], [0, 1, 2, 3]), {}, "2 at 1 is followed by 1"),
-        (([0, 1, 1, 3], [0, 1, 2, 3]), {}, "1 at 1 is followed by 1"),
         (([0, 1, np.nan, 3], [0, 1, 2, 3]), {}, "points of input 0, kind=.cubic.: nan"),
         (([0, 1, 2, 3], [0, 1, np.inf, 3]), {}, "values: inf at"),
         (([0, 1, 2, 3], [0, 1, 2]), {}, "the grids ask for"),

@@ -23,7 +23,6 @@ BAD = {
     ),
     "no body": ({"bodies": {}}, "no body"),
     "no pair": ({"exclude": [("arrow", "wall")]}, "no body pair"),
-    "pairs of nobody": ({"body_pairs": [("arrow", "nobody")]}, "'nobody'"),
     "pairs of one": ({"body_pairs": [("arrow", "arrow")]}, "two different"),
     "pairs of obstacles": (
         {"obstacles": {"a": WALL, "b": WALL}, "body_pairs": [("a", "b")]},

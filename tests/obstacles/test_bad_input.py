@@ -81,10 +81,6 @@ def pose_with_a_kink(m: pyo.ConcreteModel) -> None:
     avoiding(m, bodies={"arrow": rcp.Body(ARROW, pose=kinked)})
 
 
-def two_on_each_other(m: pyo.ConcreteModel) -> None:
-    avoiding(m, bodies={name: rcp.Body(ARROW, pose=placed) for name in ("arrow", "twin")})
-
-
 @pytest.mark.ipopt
 @pytest.mark.parametrize(
     ("state", "words"),
@@ -94,7 +90,6 @@ def two_on_each_other(m: pyo.ConcreteModel) -> None:
             small_clearance,
             ["'move.avoid'", "9e-05", "100 times", "1e-06", "unit of length", "tolerances={'feasibility'"],
         ),
-        (two_on_each_other, ["'arrow' and 'twin'", "into each other at t = 0.0"]),
         (pose_with_a_kink, ["'arrow'", "the function 'abs'", "sin, cos"]),
     ],
 )

@@ -145,17 +145,7 @@ def test_a_pose_may_read_both_phases() -> None:
     assert m.avoid.verify().worst.proven > 2.4  # of the plan: its controls are no solution yet
 
 
-@pytest.mark.parametrize(
-    "second",
-    [
-        {"elements": 5},
-        {"duration": 3.0},
-        {"start": 1.0},
-        {"scheme": "gauss"},
-        {"mesh": [0, 0.1, 0.5, 1, 2], "elements": None},
-    ],
-    ids=lambda options: next(iter(options)),
-)
+@pytest.mark.parametrize("second", [{"elements": 5}, {"start": 1.0}, {"scheme": "gauss"}], ids=str)
 def test_phases_with_other_times_are_refused_by_name(second: dict[str, Any]) -> None:
     m = two_robots(second)
     with pytest.raises(ObstacleError, match="'two' are read at the times of phase 'one'.*other points.*same start"):

@@ -51,12 +51,6 @@ def test_a_path_passes_a_thin_wall_through_its_opening(gap: float, width: float,
     assert min(clear) > 0.0
 
 
-def test_a_closed_wall_has_no_path() -> None:
-    closed = [rcp.Polytope.box(1e-3, 20.0)]
-    ends = np.array([-2.0, 0.0]), np.array([2.0, 0.0])
-    assert path_among_obstacles(*ends, InnerAndOuterBall.of(BODY), closed, CLEARANCE, *region(-3, -3, 3, 3)) is None
-
-
 def test_a_path_prefers_an_opening_with_room_to_one_that_barely_fits() -> None:
     # The tight opening is straight ahead, the wide one a little aside.
     walls = [

@@ -95,7 +95,6 @@ OUTLINE = [(0, 0), (1, 0), (1, 1)]
     ("options", "words"),
     [
         ({"obstacles": [np.array(OUTLINE)]}, ["'obstacle 1'", "Polytope.from_vertices"]),
-        ({"obstacles": {"wall": OUTLINE}}, ["'wall'", "Polytope.from_vertices"]),
         ({"obstacles": "wall"}, ["obstacles=", "dict of names"]),
         ({"points": lambda m: m.move}, ["'move.time'"]),
         ({"points": lambda m: [m.move.time, m.move.points]}, ["list of sets", "one block for each phase"]),

@@ -39,13 +39,11 @@ def declared(declaration: Any, name: str = "z") -> Act:
 
 DECLARATIONS = {
     "state, bounds, initial above": (rcp.State(bounds=(0, 1), initial=2), "initial value 2 lies outside its bounds"),
-    "initial is nan": (rcp.State(initial=NAN), "its initial value is nan; expected a finite number"),
     "final leaves nothing": (rcp.State(bounds=(0, 1), final=(2, 3)), "leave nothing of its bounds"),
     "bounds hold nan": (rcp.Algebraic(bounds=(NAN, 1)), "hold a NaN. Give numbers"),
     "bounds exclude all": (rcp.Control(bounds=(INF, None)), "exclude every number"),
-    "bounds cross in time": (rcp.Control(bounds=lambda t: (t, 0.5)), "exceeds the upper, 0.5"),
-    "guess of a control too long": (rcp.Control(initial_guess=[0.0] * 7), "has 7 values; 3 elements need 3 or 6"),
     "guess is a matrix": (rcp.Control(initial_guess=np.zeros((2, 3))), r"has shape \(2, 3\)"),
+    "guess of a parameter too long": (rcp.Parameter(initial_guess=[1, 2]), "has 2 values; one number need 1"),
     "guess function of a parameter": (rcp.Parameter(initial_guess=abs), "of time, but 'phase .* is one number"),
     "duration as a name": (rcp.Duration(bounds=(1, 2)), r"given to PhaseBlock\(duration="),
     "base class": (Declaration(), "a Declaration cannot be declared"),
@@ -60,7 +58,6 @@ def u(b: Any, t: float) -> Any:
 
 
 STATEMENTS = {
-    "ode at some points": ("ode", lambda b, t: {b.x: 1.0} if t < 0.5 else {}, "gives no derivative of 'x' at t = 0"),
     "a state twice": ("ode", lambda b, t: {b.x: 1.0, "x": 2.0}, "gives the derivative of 'x' twice at t = "),
     "residual is an inequality": ("residual", lambda b, t: [b.x[t] == 1, b.u[t] <= 1], "inequality .* Write ==, or us"),
     "residual is a number": ("residual", lambda b, t: 3.0, "returned 3.0 at t = .* expected an equality in variables"),
@@ -151,10 +148,10 @@ def test_a_cell_that_is_run_again_is_answered_by_which_cells_to_run() -> None:
     assert "again" not in str(of_every_phase.value)
 
 
+@pytest.mark.parametrize("own", [RuntimeError("mine"), TypeError("tuple indices must be integers or slices, not str")])
 @pytest.mark.parametrize("kind", ["ode", "residual", "constraint", "complementarity"])
-def test_the_exception_of_a_rule_comes_out_unchanged(kind: str) -> None:
+def test_the_exception_of_a_rule_comes_out_unchanged(kind: str, own: Exception) -> None:
     m, b = started()
-    own = RuntimeError("mine")
 
     def raises_halfway(b, t):
         b.derivative(b.x)  # makes a variable that has to go again
@@ -162,7 +159,7 @@ def test_the_exception_of_a_rule_comes_out_unchanged(kind: str) -> None:
             raise own
         return {"ode": {b.x: 1.0}, "complementarity": rcp.complements(b.x[t] >= 0, b.u[t] >= 0)}.get(kind, b.x[t] == 1)
 
-    with unchanged(contents, m), pytest.raises(RuntimeError) as caught:
+    with unchanged(contents, m), pytest.raises(type(own)) as caught:
         getattr(b, kind)(raises_halfway)
     assert caught.value is own
     complete(m)
@@ -193,9 +190,7 @@ OPTIONS = {
     "zero": ({"duration": 0}, "duration = 0; expected a positive number"),
     "bounds from 0": ({"duration": rcp.Duration(bounds=(0, 1))}, "is 0.0; it must be positive"),
     "bad guess": ({"duration": rcp.Duration(bounds=(1, 2), initial_guess=-1)}, "initial guess is -1; it must be pos"),
-    "mesh falls": ({"mesh": [0, 0.6, 0.5, 1]}, "must increase, but 0.6 at 1 is followed by 0.5"),
     "mesh is text": ({"mesh": "fine"}, "mesh = 'fine' is no sequence"),
-    "mesh too long": ({"mesh": [0, 1, 2]}, "mesh runs from 0 to 2, the phase from 0 to 1"),
     "mesh and elements": ({"mesh": [0, 1], "elements": 3}, "elements = 3, but the given mesh has 1"),
     "mesh of a free duration": ({"mesh": [0, 2], "duration": rcp.Duration(bounds=(1, 2))}, "takes a mesh from 0 to 1"),
     "too many stages": ({"scheme": "implicit_euler", "stages": 2}, "'implicit_euler' has 1 stage"),

@@ -61,9 +61,6 @@ def test_a_ball_bounces_as_newton_says_the_better_the_finer(e: float, force_firs
     for elements in (20, 80):
         trajectory = ball(elements, force_first=force_first).simulate(restitution={"floor": e})
         errors.append(np.abs(trajectory.x - bouncing(e, trajectory.time)).mean())
-        energy = trajectory.v**2 / 2 + G * trajectory.x
-        assert np.diff(energy).max() <= 1e-9
-        assert trajectory.x.min() >= -1e-9
     assert errors[1] < 0.55 * errors[0]
     assert errors[1] < 0.12
 

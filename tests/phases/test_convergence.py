@@ -241,22 +241,3 @@ def test_a_constraint_at_boundaries_holds_where_gauss_has_no_stages() -> None:
         assert (b.trajectory().verify().equations > 0.09) is at_boundaries
     assert heights[False] == pytest.approx(0.4, abs=1e-6)  # the stage in the middle of the first element is at 0.2
     assert heights[True] == pytest.approx(0.25, abs=1e-6)
-
-
-def test_a_tuple_of_three_numbers_and_expressions_is_one_row_with_two_bounds() -> None:
-    """Pyomo's own form; relations in a list or tuple are rows of their own."""
-    counts = {}
-    for name, rule in {
-        "ranged": lambda b, t: (-1, b.x[t], 0.9),
-        "relations": lambda b, t: (b.x[t] >= -1, b.x[t] <= 0.9),
-        "inequality": lambda b, t: pyo.inequality(-1, b.x[t], 0.9),
-    }.items():
-        _, b = integrator(x={"initial": 0}, stages=1)
-        b.constraint(rule, name=name)
-        rows = list(b.component(name).values())
-        counts[name] = len(rows)
-        assert min(row.ub for row in rows if row.ub is not None) == 0.9
-        b.x.set_values(dict.fromkeys(b.x, 2.0))
-        b.u.set_values(dict.fromkeys(b.u, 0.0))
-        assert b.trajectory().verify().equations == pytest.approx(1.1)
-    assert counts == {"ranged": 2, "relations": 4, "inequality": 2}

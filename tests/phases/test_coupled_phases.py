@@ -1,6 +1,5 @@
 """A phase whose rules read another phase is verified with the values of that phase at the same instants."""
 
-import numpy as np
 import pyomo.environ as pyo
 import pytest
 
@@ -79,26 +78,6 @@ def test_another_plan_on_the_model_is_not_mixed_with_the_trajectory(read):
     assert len(alone.remarks) == 4
     assert all("body" in remark and "initialize both" in remark for remark in alone.remarks)
     assert values(m) == before
-
-
-def test_steps_of_implicit_euler_read_the_end_of_their_element():
-    m = carried(scheme="implicit_euler", stages=None, elements=5)
-    x, y = 1.0, 0.0
-    h = 2.0 / 5
-    m.body.initialize(v=5.0)
-    m.me.initialize(w=2.0)
-    for t in m.body.time:
-        if t > 0:
-            x = x + 5.0 * h
-            y = y + h * (x + 2.0)
-            m.me.d[t].set_value(x - y)
-        m.body.x[t].set_value(x)
-        m.me.y[t].set_value(y)
-    verification = m.me.trajectory().verify()
-    assert verification.defect < 1e-12
-    assert verification.equations < 1e-12
-    # Between the ends x is a line, whose integral over an element is h x - h^2 v / 2: the error of the step.
-    assert verification.element_errors == pytest.approx(np.full(5, 5.0 * h**2 / 2), rel=1e-8)
 
 
 def test_a_jump_at_an_element_boundary_belongs_to_the_element_that_is_integrated():

@@ -85,14 +85,6 @@ def test_what_is_no_finite_number_is_refused(wrong: Any, message: str) -> None:
         StateNodes("x", Grid(radau(2), Mesh.uniform(0, 1, 3))).from_guess(wrong, "x")
 
 
-@pytest.mark.parametrize(
-    ("wrong", "message"), [([1, 2], "has 2 values; one number need 1"), (math.sin, "is a function of time")]
-)
-def test_one_number_is_needed_where_nothing_changes_in_time(wrong: Any, message: str) -> None:
-    with pytest.raises(InitialGuessError, match=message):
-        initial_number(wrong, "x")
-
-
 # --------------------------------------------------------------------
 # Guesses through waypoints.
 

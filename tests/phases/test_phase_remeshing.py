@@ -12,7 +12,6 @@ from harness.phases import one_phase, text
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyomo.core.expr.visitor import identify_variables
-from pyomo.util.check_units import assert_units_consistent
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import ModelError
@@ -210,15 +209,6 @@ def test_copies_and_the_original_go_their_own_ways(build: Callable[[Any], Any]) 
         assert text(m) == before
         assert_same(copy, wanted)
         assert_same(copy.clone(), wanted)
-
-
-def test_units_are_consistent_on_the_new_mesh() -> None:
-    m, _ = one_phase("b", duration=1.0, elements=2, time_units=pyo.units.s, x=rcp.State(units=pyo.units.m))
-    m.b.v = rcp.Control(units=pyo.units.m / pyo.units.s, rate_bounds=(-1, 1))
-    m.b.ode(lambda b, t: {b.x: b.v[t]})
-    m.cost = pyo.Objective(expr=m.b.integral(lambda b, t: b.v[t] ** 2))
-    m.b.remesh(3)
-    assert_units_consistent(m)
 
 
 def test_phases_that_read_each_other_get_their_meshes_at_once() -> None:

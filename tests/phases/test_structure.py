@@ -5,7 +5,7 @@ from typing import Any
 
 import pyomo.environ as pyo
 import pytest
-from harness.phases import each_collocated, free_variables, one_phase, oscillators, rank, rows, undetermined
+from harness.phases import each_collocated, free_variables, one_phase, rank, rows, undetermined
 from pyomo.mpec import Complementarity as PyomoComplementarity
 from pyomo.mpec import complements as pyomo_complements
 
@@ -52,12 +52,6 @@ def test_every_variable_is_determined(scheme: rcp.schemes.Scheme, parametrizatio
     m.p.check()
     assert undetermined(m) == []
     assert rank(m) == len(rows(m))
-
-
-@each_collocated
-def test_a_simulation_is_square_and_of_full_rank(scheme: rcp.schemes.Scheme) -> None:
-    m = oscillators(scheme=scheme, elements=4)
-    assert len(free_variables(m)) == len(rows(m)) == rank(m)
 
 
 @pytest.mark.parametrize("duration", [2, rcp.Duration(bounds=(1, 9))])

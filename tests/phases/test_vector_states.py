@@ -198,9 +198,7 @@ def state(**options: Any) -> Callable[[Any], None]:
     [
         (state(index=3, initial=[1, 2]), ModelError, r"'y' .*initial value: has shape \(2,\).*Give 3 entries"),
         (state(index=2, initial=(0, 1)), ModelError, "an interval for both components, or one number for each"),
-        (state(index=3, bounds=([0, 1], 2)), ModelError, r"bounds: has shape \(2,\)"),
         (state(index=3, bounds=[(0, 1), (0, 2)]), ModelError, r"Give 3 pairs"),
-        (state(index=3, initial_guess=[1, 2]), InitialGuessError, r"initial guess: has shape \(2,\)"),
         (state(index=["a", "b"], initial={"a": 1, "c": 2}), ModelError, "has the labels a, c"),
         (state(index="ab"), ModelError, "index = 'ab'"),
         (state(index=[]), ModelError, "none, or not all different"),

@@ -41,11 +41,9 @@ def rate(x: Any, u: Any) -> Any:
 WRITINGS: dict[str, Callable[[Any, Any], Any]] = {
     "plain": lambda m, b: lambda b, t: {b.x: rate(b.x[t], b.u[t])},
     "closure over the model": lambda m, b: lambda _, t: {m.p.x: rate(m.p.x[t], m.p.u[t])},
-    "component by name": lambda m, b: lambda b, t: {b.component("x"): rate(b.component("x")[t], b.u[t])},
     "find_component": lambda m, b: (
         lambda b, t: {"x": rate(b.find_component("x")[t], b.model().find_component("p.u")[t])}
     ),
-    "items": lambda m, b: lambda b, t: {b.x: rate(dict(b.x.items())[t], b.u[t])},
     "initial value": lambda m, b: lambda b, t: {b.x: rate(b.x[t], b.u[t]) * b.x[b.time.first()]},
     "duration by a closure": lambda m, b: lambda b, t: {b.x: rate(b.x[t], b.u[t]) * m.p.duration / 1.5},
     "a value asked in the rule": lambda m, b: (
@@ -108,13 +106,6 @@ def _(m, b):
 def _(m, b):
     m.k = pyo.Param(pyo.Any, default=K, mutable=True)
     return lambda b, t: {b.x: -m.k[t] * b.x[t] + b.u[t]}
-
-
-@writing("list of variables")
-def _(m, b):
-    m.k = pyo.VarList()
-    m.k.add().fix(K)
-    return lambda b, t: {b.x: -m.k[1] * b.x[t] + b.u[t]}
 
 
 @writing("variable of the user's over the points")

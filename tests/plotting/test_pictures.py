@@ -5,8 +5,6 @@ import sys
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from matplotlib.figure import Figure
-from mechanism_pictures import draw_linkage, draw_planar_pushing
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import TrajectoryError
@@ -40,11 +38,6 @@ def test_a_trajectory_has_a_panel_per_signal(controls: int, columns: int) -> Non
     assert sum(axis.get_xlabel() == "time" for axis in panels) == min(columns, len(panels))
     assert figure.get_suptitle() == "p (not solved by rcp.solve)"
     figure.canvas.draw()
-
-
-def test_chosen_signals_are_drawn_in_the_chosen_order() -> None:
-    figure = trajectory(2).plot(["u1", "x"])
-    assert [axis.get_ylabel() for axis in figure.axes] == ["u1", "x"]
 
 
 def test_a_state_is_drawn_as_its_polynomial_with_its_nodes() -> None:
@@ -115,16 +108,3 @@ def test_snapshots_follow_motion_not_time() -> None:
     place = np.concatenate([np.zeros(90), np.linspace(0, 1, 11)])
     chosen = evenly_moved(np.stack([place, 0 * place], axis=-1)[:, None, :], snapshots=6)
     assert place[chosen] == pytest.approx([0, 0.2, 0.4, 0.6, 0.8, 1.0])
-
-
-def test_a_given_figure_is_drawn_onto() -> None:
-    time = np.linspace(0, 1, 5)
-    joints = np.stack([np.zeros((5, 2)), np.stack([np.sin(time), -np.cos(time)], axis=-1)], axis=1)
-    figure = Figure(layout="constrained")
-    left, right = figure.subfigures(1, 2)
-    assert draw_linkage(time, joints, cart=(0.3, 0.2), title="linkage", figure=left) is left
-    pose, contact = np.column_stack([time, 0 * time, time]), np.tile([-0.1, 0.0], (5, 1))
-    forces = np.tile([1.0, 0.0], (5, 1))
-    assert draw_planar_pushing(time, pose, contact, half_side=0.1, force=forces, figure=right) is right
-    figure.canvas.draw()
-    assert left.axes[0].get_title() == "linkage"

@@ -1,9 +1,6 @@
 """The compiled evaluation gives the numbers of CasADi, and Ipopt the same run without Python as with it."""
 
-import os
 import re
-import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import casadi
@@ -212,18 +209,3 @@ def test_several_threads_evaluate_one_program() -> None:
     one_by_one = [nlp.jacobian(x) for x in points]
     with ThreadPoolExecutor(4) as threads:
         assert np.array_equal(list(threads.map(nlp.jacobian, points)), one_by_one)
-
-
-def test_switched_off_everything_still_runs() -> None:
-    """In a process of its own: the switch is read when a program is made."""
-    script = (
-        "import pyomo.environ as pyo, pyrobocop_pyomo as rcp\n"
-        "m = pyo.ConcreteModel(); m.x = pyo.Var(initialize=2.0); m.cost = pyo.Objective(expr=(m.x**2 - 1)**2)\n"
-        "r = rcp.solve(m, backend='vectorised', progress=False)\n"
-        "r.raise_for_status(); assert abs(m.x.value - 1) < 1e-6\n"
-    )
-    ended = subprocess.run(
-        [sys.executable, "-W", "error", "-c", script], env={**os.environ, SWITCH_VARIABLE: "off"}, capture_output=True,
-        text=True, check=False,
-    )  # fmt: skip
-    assert ended.returncode == 0, ended.stderr

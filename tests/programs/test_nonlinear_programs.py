@@ -8,7 +8,7 @@ import numpy as np
 import pyomo.environ as pyo
 import pyomo.repn.util
 import pytest
-from harness.nested_models import EXPANDED, LARGEST_VALUE, NESTED, differ_from_differences, nested_model
+from harness.nested_models import EXPANDED, NESTED, differ_from_differences, nested_model
 from harness.phases import one_phase
 from harness.quadratic_program import QuadraticProgram
 from harness.small_problems import every_derivative, every_kind_of_row, maximisation, square_system
@@ -257,25 +257,11 @@ def test_a_library_that_asl_would_not_find_is_refused(library):
 # Equations that are dependent to first order are counted: the law is the rank of a matrix with generic entries.
 
 
-class Linear:
-    """A program whose Jacobian is given; its rows are equations but for the last."""
-
-    def __init__(self, matrix: np.ndarray) -> None:
-        self.m, self.n = matrix.shape
-        rows, columns = np.nonzero(np.ones_like(matrix))
-        self.jacobian_structure = rows, columns
-        self._slopes = matrix[rows, columns]
-        self.g_lower = np.zeros(self.m)
-        self.g_upper = np.append(np.zeros(self.m - 1), 1.0)
-
-    def jacobian(self, x: np.ndarray) -> np.ndarray:
-        return self._slopes
-
-
 @given(st.lists(st.booleans(), min_size=24, max_size=24), st.integers(0, 2**31))
 def test_equations_without_a_variable_of_their_own_are_those_that_the_rank_of_generic_entries_lacks(pattern, seed):
     matrix = np.reshape(pattern, (6, 4)) * np.random.default_rng(seed).uniform(1.0, 2.0, (6, 4))
-    assert missing_rank(Linear(matrix), np.zeros(4)) == 5 - np.linalg.matrix_rank(matrix[:5])
+    program = QuadraticProgram(np.zeros(4), A=matrix, g_lower=np.zeros(6), g_upper=[0, 0, 0, 0, 0, 1])
+    assert missing_rank(program, np.zeros(4)) == 5 - np.linalg.matrix_rank(matrix[:5])
 
 
 def thrown(angle: float) -> pyo.ConcreteModel:
@@ -310,17 +296,6 @@ def test_a_solve_starts_from_the_motion_where_equations_depend_at_the_initial_gu
 
 # --------------------------------------------------------------------
 # Derivatives of models whose Expressions use each other, by every source of derivatives.
-
-
-def test_nested_models_are_what_they_promise():
-    model, again, written_out = nested_model(15), nested_model(15), nested_model(15, named=False)
-    assert str(model.objective.expr) == str(again.objective.expr) != str(nested_model(16).objective.expr)
-    assert pyo.value(model.objective) == pyo.value(written_out.objective)
-    assert all(abs(pyo.value(row.body)) < LARGEST_VALUE for row in model.rows.values())
-    assert any(
-        part is other for e in model.e.values() for part in e.expr.args for other in model.e.values()
-        if e.expr.is_expression_type()
-    )  # fmt: skip
 
 
 @pytest.mark.heavy

@@ -6,16 +6,15 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.expression_zoo import ZOO, ZOO_NAMES, cart_pole, long_sums, trees
-from hypothesis import HealthCheck, given, settings
+from harness.expression_zoo import cart_pole, long_sums
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.row_violations import bound_violation, number_or_nan
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
-from pyrobocop_pyomo.programs.model_terms import Terms, collect_terms
+from pyrobocop_pyomo.programs.model_terms import collect_terms
 from pyrobocop_pyomo.programs.row_values import RowValues, VariableBounds
-from pyrobocop_pyomo.programs.term_groups import Columns, decoded
 
 FORMS = {
     "linear": lambda m, i: 2.0 * m.x[i] - m.y[i] + 1.0,
@@ -89,65 +88,6 @@ def test_violated_bounds_of_variables(values: list[float | None], bound: float) 
 # What a walk over a model collects is the model.
 
 
-def values_of_rows(terms: Terms, columns: Columns, count: int) -> np.ndarray:
-    """The rows from their linear part and their terms, one by one, in plain Python."""
-    x, p = [pyo.value(v) for v in columns.variables], [pyo.value(v) for v in columns.parameters]
-    rows = np.zeros(count)
-    for row, constant in terms.constants.items():
-        rows[row] += constant
-    for row, column, factor in zip(terms.linear_rows, terms.linear_columns, terms.linear_coefficients, strict=True):
-        rows[row] += factor * (x[column] if column >= 0 else p[-1 - column])
-    for group in terms.groups.values():
-        numbers = list(group.numbers)
-        for place, parameter in group.parameters:
-            numbers[place] = p[parameter]
-        for i, (row, scale) in enumerate(zip(group.rows, group.scales, strict=True)):
-            variables = [x[column] for column in group.columns[i * group.size : (i + 1) * group.size]]
-            inner = numbers[i * group.numbers_per_term : (i + 1) * group.numbers_per_term]
-            rows[row] += scale * decoded(group.code, variables, inner)
-    return rows
-
-
-def values_of(*rows: Any, scale: float = 1.0) -> tuple[Terms, np.ndarray]:
-    """Terms of expressions, and what they say."""
-    columns = Columns()
-    terms = Terms(columns)
-    for i, row in enumerate(rows):
-        terms.add(i, row, scale, keep_constant=True)
-    terms.group()
-    return terms, values_of_rows(terms, columns, len(rows))
-
-
-@pytest.mark.parametrize("build", ZOO, ids=ZOO_NAMES)
-def test_plain_evaluation_of_the_terms_gives_every_body(build):
-    model = build()
-    found = collect_terms(model)
-    bodies = [pyo.value(constraint.body) for constraint in found.constraints]
-    assert values_of_rows(found.rows, found.columns, len(bodies)) == pytest.approx(bodies, rel=1e-12, abs=1e-12)
-    if found.objective is not None:
-        cost = values_of_rows(found.cost, found.columns, 1)[0]
-        assert cost == pytest.approx(found.sign * pyo.value(found.objective), rel=1e-12, abs=1e-12)
-
-
-WALK = pyo.ConcreteModel()
-WALK.x = pyo.Var(range(3), initialize=dict(enumerate((0.3, -0.8, 1.1))))
-WALK.fixed = pyo.Var(initialize=0.6)
-WALK.fixed.fix()
-WALK.p = pyo.Param(initialize=-0.4, mutable=True)
-LEAVES = st.one_of(
-    st.sampled_from([*WALK.x.values(), *WALK.x.values(), WALK.fixed, WALK.p]),
-    st.floats(-2, 2),
-    st.integers(-3, 3),
-)
-
-
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-@given(rows=st.lists(trees(LEAVES), min_size=1, max_size=4), scale=st.floats(-3, 3))
-def test_random_expressions_keep_their_values(rows, scale):
-    expected = [scale * pyo.value(row) for row in rows]
-    assert values_of(*rows, scale=scale)[1] == pytest.approx(expected, rel=1e-10, abs=1e-10)
-
-
 def test_rows_of_one_shape_are_one_group():
     for elements in (5, 50):
         found = collect_terms(cart_pole(elements))
@@ -170,9 +110,7 @@ def test_common_subexpressions_are_visited_once():
     node, plain = m.x, 0.5
     for _ in range(40):
         node, plain = pyo.cos(node) * node, np.cos(plain) * plain
-    terms, values = values_of(node)
-    assert len(next(iter(terms.groups))) < 200
-    assert values[0] == pytest.approx(plain)
+    assert RowValues([node]).values() == pytest.approx([plain])
 
 
 def test_deep_expressions_need_no_recursion():
@@ -181,7 +119,7 @@ def test_deep_expressions_need_no_recursion():
     node, plain = m.x, 0.5
     for _ in range(5000):
         node, plain = pyo.sin(node), np.sin(plain)
-    assert values_of(node)[1][0] == pytest.approx(plain)
+    assert RowValues([node]).values() == pytest.approx([plain])
 
 
 def test_what_has_no_derivatives_is_refused_by_name():

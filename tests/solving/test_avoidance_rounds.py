@@ -300,9 +300,7 @@ def pose(b, t):
     return rcp.planar_pose(0, b.y[t], b.theta[t])
 
 
-def turning_over_a_floor(
-    *, ceiling: float = 2.0, obstacle: bool = False, shape: rcp.Polytope = BAR
-) -> pyo.ConcreteModel:
+def turning_over_a_floor(*, ceiling: float = 2.0, obstacle: bool = False) -> pyo.ConcreteModel:
     """A bar makes half a turn between a floor and a ceiling and stays low: steepest between the boundaries."""
     m, b = one_phase("turn", model="half a turn", duration=1.0, elements=3, scheme="implicit_euler")
     b.y, b.theta = rcp.State(initial=0.2, final=0.2), rcp.State(initial=0, final=pi)
@@ -311,10 +309,10 @@ def turning_over_a_floor(
     m.low = pyo.Objective(expr=b.integral(lambda b, t: b.y[t] ** 2 + 1e-3 * b.climb[t] ** 2))
     b.initialize_straight_lines()
     room = rcp.Polytope.from_halfspaces([[0, -1], [0, 1]], [0, ceiling], bounded=False)
-    b.inside = rcp.Containment(b.time, body=shape, pose=pose, region=room)
+    b.inside = rcp.Containment(b.time, body=BAR, pose=pose, region=room)
     if obstacle:
         far = {"far": rcp.Polytope.box(1, 1, center=(5, 0))}
-        b.avoid = rcp.ObstacleAvoidanceBlock(b.time, body=shape, pose=pose, obstacles=far, clearance=0.05)
+        b.avoid = rcp.ObstacleAvoidanceBlock(b.time, body=BAR, pose=pose, obstacles=far, clearance=0.05)
     return m
 
 

@@ -28,7 +28,6 @@ from pyrobocop_pyomo.errors import ComplementarityError, EvaluationError
 from pyrobocop_pyomo.ipopt import ipopt_run
 from pyrobocop_pyomo.ipopt.backends import find_ipopt_executable
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
-from pyrobocop_pyomo.mpcc.active_set import ActiveSetSearch
 
 solve = partial(rcp.solve, progress=False)
 IPOPTS_TOLERANCE = 1e-8
@@ -77,21 +76,17 @@ LOOSE = rcp.Strategy("loose", rcp.relaxations.Fixed(1e-4), polish=False)
 
 
 @pytest.mark.casadi
-@pytest.mark.parametrize(
-    "error",
-    [EvaluationError("no number"), ComplementarityError("no pair")],
-    ids=lambda error: type(error).__name__,
-)
-def test_a_strategy_that_raises_loses_nothing(error: Exception, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_strategy_that_raises_loses_nothing(caplog: pytest.LogCaptureFixture) -> None:
+    broken = rcp.Strategy("broken", Broken(ComplementarityError("no pair")))
     first = solve(mpcc_problem("bard1").build(), strategies=LOOSE)
     model = mpcc_problem("bard1").build()
     with caplog.at_level(logging.INFO):
-        result = solve(model, strategies=[LOOSE, rcp.Strategy("broken", Broken(error))])
+        result = solve(model, strategies=[LOOSE, broken])
     assert result.strategy == "loose"
     assert result.objective == pytest.approx(first.objective)
     assert any("broken" in record.getMessage() for record in caplog.records)
     # Those after it are run.
-    result = solution(mpcc_problem("bard1").build(), strategies=[LOOSE, rcp.Strategy("broken", Broken(error)), "tight"])
+    result = solution(mpcc_problem("bard1").build(), strategies=[LOOSE, broken, "tight"])
     assert result.strategy == "tight"
 
 
@@ -116,22 +111,6 @@ def test_an_error_in_any_later_run_keeps_what_was_found(run: int, monkeypatch: p
     result = solve(mpcc_problem("bard1").build(), strategies=("continuation", "tight", "barrier"))
     assert result.quality is not rcp.Quality.INFEASIBLE
     assert result.objective == pytest.approx(17.0, rel=1e-3)
-
-
-# ------------------------------------------------------------------------------------------------- failed polish
-
-
-@pytest.mark.casadi
-def test_what_the_polish_makes_worse_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    rough = solve(mpcc_problem("bard1").build(), strategies=rcp.Strategy("tight", polish=False))
-
-    def failing(self: Any, start: Any, *rest: Any) -> Any:
-        raise EvaluationError("there is no derivative at this point")
-
-    monkeypatch.setattr(ActiveSetSearch, "polish", failing)
-    result = solve(mpcc_problem("bard1").build(), strategies="tight")
-    assert result.quality is rough.quality
-    assert result.objective == pytest.approx(rough.objective, rel=1e-4)
 
 
 # ------------------------------------------------------------------------------------------------- continuation
@@ -211,9 +190,7 @@ def test_a_step_after_a_failed_one_is_shorter(every: int, monkeypatch: pytest.Mo
 
 FUNCTIONS: dict[str, Callable[[Any], Any]] = {
     "sqrt": lambda m: pyo.sqrt(m.x) + (m.y - 1) ** 2,
-    "minus sqrt": lambda m: -pyo.sqrt(m.x) + m.x + (m.y - 1) ** 2,
     "absolute value": lambda m: abs(m.x) + (m.y - 1) ** 2,
-    "power 0.5": lambda m: m.x**0.5 + (m.y - 1) ** 2,
     "power 1.5": lambda m: m.x**1.5 + (m.y - 1) ** 2,
     "log": lambda m: -0.1 * pyo.log(m.x) + (m.y - 1) ** 2,
     "steep tanh": lambda m: pyo.tanh(1e3 * m.x) + (m.y - 1) ** 2,

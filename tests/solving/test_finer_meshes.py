@@ -6,7 +6,7 @@ import numpy as np
 import pyomo.environ as pyo
 import pytest
 from harness.checked import solution
-from harness.phases import bryson_denham, one_phase, rest_to_rest
+from harness.phases import bryson_denham, mass, one_phase, rest_to_rest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -76,6 +76,17 @@ def same_errors_on_any_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_errors_that_a_finer_mesh_does_not_lessen_end_the_loop() -> None:
     result = rcp.solve(forced(elements=20), strategies=rcp.Strategy(exploration=0))
     assert [step.label for step in result.steps] == ["solve", "finer mesh"]
+
+
+def test_an_objective_of_zero_is_refined_to_a_part_of_its_scale() -> None:
+    """A force without limit holds a place at once: each mesh has a cost of zero, which no motion has."""
+    m, b = mass(x={"initial": 0}, v={"initial": 0}, duration=2.0, elements=20)
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: (b.x[t] - 1) ** 2))
+    result = solution(m)
+    assert not result.discretisation.is_large
+    assert 0.0 < result.discretisation.objective_error < 1e-3
+    assert len(result.steps) <= 6
+    assert max(map(abs, b.u.get_values().values())) < 1e9
 
 
 def test_the_mesh_stays_without_tolerance_and_where_it_is_fine_enough() -> None:

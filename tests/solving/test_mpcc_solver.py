@@ -2,7 +2,6 @@
 
 import io
 import json
-import re
 import subprocess
 import sys
 
@@ -19,7 +18,6 @@ import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import KeywordError
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.multipliers import Stationarity
-from pyrobocop_pyomo.planning.solve import RETIRED_WORDS
 
 pytestmark = pytest.mark.casadi
 ITERATION_LIMIT = {"max_iter": 1}
@@ -190,15 +188,6 @@ def test_how_a_solve_ended_is_told_in_pyomos_words(make, options, limit, ends):
     assert not pyo.check_optimal_termination(legacy().solve(make(), options=options, timelimit=limit))
 
 
-def test_options_reach_ipopt():
-    m = long_valley()
-    results = solver().solve(m, solver_options=ITERATION_LIMIT, raise_exception_on_nonoptimal_result=False)
-    assert {step.iterations for step in results.extra_info.result.steps} <= {0, 1}
-    limited = legacy()
-    limited.options["max_iter"] = 1
-    assert limited.solve(m).solver.termination_condition == pyo.TerminationCondition.maxIterations
-
-
 def test_the_log_goes_to_the_streams_that_are_given_and_nowhere_else(capfd):
     stream = io.StringIO()
     solver().solve(two_corners(), tee=[stream])
@@ -227,17 +216,10 @@ def test_what_is_misspelt_is_refused(choice, words):
         solver().solve(two_corners(), **choice)
 
 
-@pytest.mark.parametrize("name", RETIRED_WORDS)
-def test_a_keyword_of_earlier_versions_is_refused_with_what_to_write(name):
-    doors = (
-        lambda: rcp.solve(two_corners(), **{name: False}),
-        lambda: rcp.studies.multistart(two_corners(), 2, **{name: False}),
-        lambda: solver().solve(two_corners(), **{name: False}),
-        lambda: legacy().set_options(f"{name}=False"),
-    )
-    for door in doors:
-        with pytest.raises(KeywordError, match=re.escape(f"Write {RETIRED_WORDS[name]}")):
-            door()
+@pytest.mark.parametrize("solve", [rcp.solve, rcp.studies.multistart, lambda m, **given: solver().solve(m, **given)])
+def test_a_field_of_a_strategy_is_refused_with_what_to_write(solve):
+    with pytest.raises(KeywordError, match=r"Write strategies=rcp\.Strategy\(polish=\.\.\.\)"):
+        solve(two_corners(), polish=False)
 
 
 def test_models_of_pyomo_mpec_are_solved_as_they_are():

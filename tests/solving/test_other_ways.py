@@ -15,7 +15,7 @@ from mpcc_catalogue.point_check import PointCheck
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.solving import procedure
-from pyrobocop_pyomo.solving.strategies import BARRIER, STRATEGIES, StartingPoint
+from pyrobocop_pyomo.solving.strategies import BARRIER, STRATEGIES
 
 pytestmark = pytest.mark.casadi
 
@@ -174,19 +174,6 @@ def test_the_answer_costs_no_more_than_an_exact_start(strategies: str | None) ->
     again = solve(m, strategies=None if strategies is None else rcp.Strategy(strategies, exploration=0))
     assert again.solved
     assert again.objective <= start + 1e-6 * abs(start)
-
-
-def test_a_way_down_that_ends_at_a_worse_point_goes_back_to_the_start() -> None:
-    """The user's point is exact, and is polished itself: here a run is cut off on its way from random values."""
-    m = carts()
-    solve(m)
-    known = pyo.value(m.cost)
-    fixed, cut = rcp.relaxations.Fixed(1e-8), {"max_iter": 3}
-    away = rcp.Strategy("away", fixed, start=StartingPoint.RANDOM_START, draw=1, options=cut, exploration=0)
-    result = solve(m, strategies=away)
-    assert result.strategy == "initial guess"
-    assert result.solved
-    assert result.objective == pytest.approx(known, rel=1e-6)
 
 
 # --------------------------------------------------------------------

@@ -6,6 +6,7 @@ import numpy as np
 import pyomo.environ as pyo
 import pytest
 from harness.checked import solution
+from harness.small_problems import corners
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -15,24 +16,14 @@ from pyrobocop_pyomo.complementarity import PairResidual
 from pyrobocop_pyomo.mpcc.multipliers import Multipliers, Stationarity
 from pyrobocop_pyomo.solving.result_text import PairReport, pair_reports, pair_table, split_name
 
+# The first side zero, the second one, and both.
+THREE_KINDS = {1: (-1, 2), 2: (3, 0.5), 3: (-1, -2)}
 sizes = st.floats(0.0, 10.0).filter(lambda size: size == 0.0 or size > 1e-5)
-
-
-def three_kinds() -> pyo.ConcreteModel:
-    """Three pairs: the first side zero, the second one, and both."""
-    m = pyo.ConcreteModel(name="three kinds")
-    m.i = pyo.RangeSet(3)
-    m.a = pyo.Var(m.i, bounds=(0, None), initialize=1)
-    m.b = pyo.Var(m.i, bounds=(0, None), initialize=1)
-    m.pair = rcp.Complementarity(m.i, rule=lambda m, i: rcp.complements(m.a[i] >= 0, m.b[i] >= 0))
-    goals = {1: (-1, 2), 2: (3, 0.5), 3: (-1, -2)}
-    m.cost = pyo.Objective(expr=sum((m.a[i] - p) ** 2 + (m.b[i] - q) ** 2 for i, (p, q) in goals.items()))
-    return m
 
 
 @pytest.fixture(scope="module")
 def result() -> rcp.SolveResult:
-    return solution(three_kinds())
+    return solution(corners(THREE_KINDS))
 
 
 @pytest.mark.casadi
@@ -81,7 +72,7 @@ def test_tables_hold_what_the_reports_hold(result):
 
 @pytest.mark.casadi
 def test_without_a_certificate_there_are_no_multipliers():
-    found = rcp.solve(three_kinds(), strategies=rcp.Strategy(polish=False))
+    found = rcp.solve(corners(THREE_KINDS), strategies=rcp.Strategy(polish=False))
     assert {(each.first_multiplier, each.second_multiplier) for each in found.pairs} == {(None, None)}
     assert " - " in found.table()
     worst = max(found.pairs, key=lambda each: abs(each.natural))

@@ -23,7 +23,7 @@ from pyomo.mpec import Complementarity, complements
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.complementarity import PairResidual
 from pyrobocop_pyomo.diagnosis.least_violation import Least, LeastViolation, least_violation
-from pyrobocop_pyomo.errors import ContradictionError, SolveFailed
+from pyrobocop_pyomo.errors import SolveFailed
 from pyrobocop_pyomo.modeling import deadline as deadlines
 from pyrobocop_pyomo.presentation import percent
 from pyrobocop_pyomo.solving.iterates import Quality, Standing, StopReason, Tolerances
@@ -226,17 +226,6 @@ def test_what_cannot_be_met_is_named_with_its_size():
     assert any("of which at least one must give way" in finding.message for finding in result.diagnose().findings)
     with pytest.raises(SolveFailed, match=r"(?s)not met: equation of 'x' of phase 'p' at t = .*'p.u' <= 2 at "):
         result.raise_for_status()
-
-
-def test_a_row_outside_phases_that_no_variable_can_mend_is_refused_by_name():
-    m = pyo.ConcreteModel(name="two rows")
-    m.x = pyo.Var(bounds=(0, 1))
-    m.y = pyo.Var(initialize=2.0)
-    m.y.fix()
-    m.low = pyo.Constraint(expr=m.y <= 1)
-    m.o = pyo.Objective(expr=m.x)
-    with pytest.raises(ContradictionError, match=r"'low' holds no variable that may move and is violated by 1\."):
-        rcp.solve(m)
 
 
 @pytest.mark.asl

@@ -14,6 +14,7 @@ from pyrobocop_pyomo.complementarity import crossed_pairs_of
 from pyrobocop_pyomo.ipopt.ipopt_outcome import IpoptStatus
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.mpcc.multipliers import Stationarity
+from pyrobocop_pyomo.solving import executable_session
 from pyrobocop_pyomo.solving.iterates import Iterate, Tolerances
 from pyrobocop_pyomo.solving.strategies import STRATEGIES as TABLE
 
@@ -154,9 +155,12 @@ def test_a_trap_that_is_no_local_optimum_is_left(backend: str, strategies: str |
 
 
 @every_backend
-def test_without_polish_the_relaxed_point_stays(backend: str) -> None:
-    rough, polished = bent(), bent()
-    result = rcp.solve(rough, backend=backend, strategies=rcp.Strategy("tight", polish=False))
+def test_without_polish_the_relaxed_point_stays_and_is_judged_by_its_multipliers(backend: str) -> None:
+    rough, polished, rest = bent(), bent(), rcp.Strategy("tight", polish=False)
+    result = rcp.solve(rough, backend=backend, strategies=rest)
+    less = {"stationarity": result.stationarity / 2}
+    strict = rcp.solve(bent(), backend=backend, strategies=rest, tolerances=less)
+    assert (result.quality, strict.quality) == (rcp.Quality.OPTIMAL, rcp.Quality.FEASIBLE)
     exact = rcp.solve(polished, backend=backend, strategies="tight")
     assert [step.label for step in result.steps] == ["fixed delta"]
     assert result.certificate is Certificate.UNKNOWN
@@ -164,6 +168,14 @@ def test_without_polish_the_relaxed_point_stays(backend: str) -> None:
     assert 1e-10 < result.largest_product <= 1.1e-8  # the bound is active: the cost pulls at it
     assert exact.largest_product < 1e-12
     assert rough.y.value > polished.y.value
+
+
+@pytest.mark.executable
+def test_without_derivatives_it_is_not_known_whether_a_point_is_stationary(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(executable_session, "_compiled_or_none", lambda model: None)
+    result = solution(bent(), backend="executable")
+    assert result.stationarity is None
+    assert "DOUBTFUL: Whether the point is stationary is not known" in str(result)
 
 
 # ------------------------------------------------------------------------------------------------- the model afterwards

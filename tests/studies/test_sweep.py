@@ -1,7 +1,6 @@
 """`sweep`: cases do not touch each other, go on where they were stopped, and are the same in several processes."""
 
 import importlib
-import json
 import os
 import signal
 import subprocess
@@ -105,13 +104,6 @@ def test_an_infeasible_case_spoils_no_other() -> None:
     assert 1 not in [outcome.started_from for outcome in found]
     with pytest.raises(SolveFailed, match="1 cases were not solved, 0 not tried. The first is"):
         found.raise_for_status()
-
-
-@pytest.mark.casadi
-def test_a_failed_neighbour_is_passed_over() -> None:
-    cases = [{"pull": 0.4}, {"pull": 0.5, "least": 3.0}, {"pull": 0.6}]
-    found = rcp.sweep(spring(), cases, start_from=lambda number: number - 1 if number else None)
-    assert [outcome.started_from for outcome in found] == [None, None, 0]
 
 
 @pytest.mark.casadi
@@ -283,47 +275,6 @@ def test_what_cannot_be_sent_to_a_process_is_said(monkeypatch: pytest.MonkeyPatc
         rcp.studies.multistart(model, starts=2, workers=2)
 
 
-SLOWLY = np.linspace(0, 2, 12).tolist()
-
-
-def put_slowly(m: Any, pull: float) -> None:
-    m.pull = pull
-    time.sleep(0.05)
-
-
-KILLED = """
-    import pyrobocop_pyomo as rcp
-    from tests.studies.test_sweep import SLOWLY, numbers, put_slowly, spring
-
-    if __name__ == "__main__":
-        found = rcp.sweep(spring(), SLOWLY, put=put_slowly, read=numbers, file="outcomes.jsonl")
-        print([(outcome.objective, outcome.numbers) for outcome in found])
-"""
-
-
-@pytest.mark.casadi
-@pytest.mark.slow
-@pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL")
-def test_a_sweep_that_was_killed_gives_the_same_table(tmp_path: Path) -> None:
-    script = tmp_path / "killed.py"
-    script.write_text(textwrap.dedent(KILLED))
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
-    command = [sys.executable, str(script)]
-    running = subprocess.Popen(command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE)
-    file, deadline = tmp_path / "outcomes.jsonl", time.monotonic() + 60
-    while (not file.exists() or file.read_bytes().count(b"\n") < 4) and time.monotonic() < deadline:
-        time.sleep(0.02)
-    running.kill()
-    running.communicate()
-    kept = file.read_bytes().count(b"\n") - 1
-    assert 0 < kept < 12
-    after = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True).stdout
-    lines = [json.loads(line) for line in file.read_bytes().splitlines()[1:]]
-    assert len(lines) == 12
-    whole = rcp.sweep(spring(), SLOWLY, put=put_slowly, read=numbers)
-    assert after.strip() == str([(outcome.objective, outcome.numbers) for outcome in whole])
-
-
 # ---------------------------------------------------------------- stopping early
 
 
@@ -343,6 +294,7 @@ def test_ctrl_c_between_cases_keeps_what_is_done() -> None:
 LONG = """
     import pyomo.environ as pyo
     import pyrobocop_pyomo as rcp
+    from concurrent.futures import ThreadPoolExecutor
 
     def build(name):
         m = pyo.ConcreteModel()
@@ -353,8 +305,8 @@ LONG = """
 
     if __name__ == "__main__":
         print("started", flush=True)
-        tight = {"tol": 1e-300, "dual_inf_tol": 1e-300, "acceptable_iter": 0}
-        found = rcp.sweep(build, ["short", "endless", "late", "later"], start_from=None, workers=WORKERS,
+        tight = {"tol": 1e-300, "dual_inf_tol": 1e-300, "acceptable_iter": 0, "max_iter": 1000000}
+        found = rcp.sweep(build, ["short", "endless", "late", "later"], start_from=None, **WHERE,
                           options=tight, progress=True)
         print([outcome.name for outcome in found], found.remaining, flush=True)
 """
@@ -362,11 +314,13 @@ LONG = """
 
 @pytest.mark.casadi
 @pytest.mark.slow
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize(
+    "where", ["dict(workers=1)", "dict(workers=2)", "dict(engine=rcp.teams.ExecutorEngine(ThreadPoolExecutor(2), 2))"]
+)
 @pytest.mark.ctrl_c
-def test_ctrl_c_during_a_solve_stops_every_process_soon(workers: int, tmp_path: Path) -> None:
+def test_ctrl_c_during_a_solve_stops_every_process_and_thread_soon(where: str, tmp_path: Path) -> None:
     script = tmp_path / "long.py"
-    script.write_text(textwrap.dedent(LONG).replace("WORKERS", str(workers)))
+    script.write_text(textwrap.dedent(LONG).replace("WHERE", where))
     path = str(Path(__file__).parents[2])
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": path}
     running = subprocess.Popen(

@@ -102,14 +102,11 @@ def test_a_row_of_type_5_holds_where_its_definition_says(
     ("change", "message"),
     [
         (("o0\nv0\nv1", "o48\nv0\nv1"), r"line 17: the operator o48 is not known"),
-        (("o0\nv0\nv1", "f0\n1\nv1"), r"line 17: functions in other libraries cannot be read"),
         (("\nO0 0", "\nL0\nO0 0"), "'L' begins no segment"),
         (("\n 0 0 0 0 0\n", "\n 1 0 0 0 0\n"), "1 of its 2 variables are discrete"),
         (("g3 0 1 0", "c3"), "is no .nl file"),
         (("1 9", "5 1 3"), "row 0 cannot be complementary to bounds 1 of variable 2"),
         (("1 9", "5 2 1"), "row 0 is complementary to the upper bound of variable 0, which has none"),
-        (("1 9", "7 9"), "'7' is no kind of bounds"),
-        (("n0\n", "nx\n"), "cannot be read"),
         (("G0 1\n0 1\n", "G0 1\n0"), "cannot be read"),
     ],
 )  # fmt: skip

@@ -362,7 +362,6 @@ def test_labels_hold_polynomials_at_the_times_of_the_data() -> None:
         ({"data": 5}, "expected a data frame with the times as its index"),
         ({"data": {"c": TIMES}}, "there are no times; give the key 'time'"),
         ({"data": {"time": TIMES, "c": [1.0]}}, "expected a data frame .* same length"),
-        ({"data": {"time": TIMES, "c": ["a"] * 5}}, "expected a data frame .* 'a'"),
         ({"data": {"time": TIMES, "c": [np.inf] * 5}}, "the data are infinite at t = 0.1"),
         ({"data": {"time": TIMES, "d": TIMES}}, "the output 'd' is no state"),
         ({"data": {"time": [1, 1], "c": [1, 1]}}, "the data of 'c' have a time twice"),
@@ -395,33 +394,6 @@ def test_labels_without_a_number_are_refused() -> None:
     rcp.label_measurements(m, m.tank, {"time": TIMES, "c": [np.nan] * 5})
     with pytest.raises(EstimationError, match="has no suffix 'experiment_outputs' with entries"):
         rcp.estimate(m)
-
-
-def two_tanks() -> Any:
-    m = pyo.ConcreteModel("two tanks")
-    m.tank = rcp.PhaseBlock(duration=2.0, elements=5)
-    m.second = rcp.PhaseBlock(duration=1.0, start=m.tank, elements=3)
-    for b in (m.tank, m.second):
-        b.c, b.rate = rcp.State(initial_guess=1.0), rcp.Parameter(bounds=(0.01, 10), initial_guess=1.0)
-        b.ode(lambda b, t: {b.c: -b.rate * b.c[t]})
-    m.tank.c.at_start.fix(1.0)
-    m.link = rcp.Link(m.tank, m.second, parameters=["rate"])
-    rcp.label_measurements(m, m.tank, data(error=0.0), error=0.01)
-    later = {"time": [2.2, 3.0], "c": np.exp(-0.7 * np.array([2.2, 3.0]))}
-    return rcp.label_measurements(m, m.second, later, error=0.02, unknown=[])
-
-
-def test_several_phases_of_a_model_are_labelled() -> None:
-    m = two_tanks()
-    assert [each.parent_block().name for each in m.experiment_outputs] == ["tank"] * 5 + ["second"] * 2
-    assert list(m.measurement_error.values()) == [0.01] * 5 + [0.02] * 2
-    assert [each.name for each in m.unknown_parameters] == ["tank.rate"]
-
-
-@pytest.mark.ipopt
-def test_a_parameter_is_estimated_from_the_data_of_two_phases() -> None:
-    found = rcp.estimate([two_tanks()])
-    assert found.estimates["tank.rate"] == pytest.approx(0.7, abs=1e-4)
 
 
 def test_a_model_is_labelled_once_and_knows_its_times() -> None:

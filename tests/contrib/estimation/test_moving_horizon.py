@@ -163,7 +163,6 @@ REFUSED = [
     ({"prior": {**PRIOR, "y": 1.0}}, "prior has 'y'; expected are x, v, bias"),
     ({"error": {"x": 0.0}}, "error of 'x' is 0.0"),
     ({"error": {"z": 1.0}}, "the output 'z' is no state"),
-    ({"error": {"x": "large"}}, "error is {'x': 'large'}; expected a number"),
     ({"noise": {"wind": 1.0}}, "noise has 'wind'; expected are force, push"),
     ({"elements_per_sample": 3}, "elements_per_sample = 3, and 4 elements"),
 ]

@@ -47,50 +47,6 @@ class SwingUp(_Timed):
         c[1, 0] = 2.0 * xdot[1] - (u[0] - 9.81 * np.sin(x[0]) - 0.1 * x[1])
 
 
-class PushingModes(_Timed):
-    """A pusher along a square on a table, in two modes one after the other, whose durations are parameters."""
-
-    elements, horizon, states, algebraics, controls, parameters = 12, 2.0, 3, 2, 2, 2
-    goal = (0.0, 0.0, np.pi)
-    half, friction = 0.045, 0.3
-
-    def __init__(self):
-        c0 = (2 / (0.5 * 9.81)) ** 2
-        radius = 0.09 / 6 * (np.sqrt(2) + np.arcsinh(1))
-        self.surface = np.diag([c0, c0, c0 / radius**2])
-
-    def bounds(self, i):
-        lower = [-5, -5, -2 * np.pi, -5, -5, -5, 0, -np.Infinity, 0, -1]
-        return np.array(lower), np.array([5, 5, 2 * np.pi, 5, 5, 5, np.Infinity, 0, 0.5, 1])
-
-    def initialcondition(self):
-        return np.zeros(3), np.zeros(3)
-
-    def bounds_finaltime(self):
-        return np.array(self.goal), np.array(self.goal)
-
-    def bounds_params(self):
-        return np.array([0.01, 0.01]), np.array([100.0, 200.0])
-
-    def initialpoint_params(self):
-        return np.array([10.0, 20.0])
-
-    def objective(self, t, x, xdot, y, u, p):
-        return 0.0
-
-    def objective_mayer(self, x0, xf, p):
-        return p[0] + p[1]
-
-    def constraint(self, c, t, x, xdot, y, u, p):
-        px, py, duration = (-self.half, 0.0, p[0]) if t <= 1.0 else (0.0, self.half, p[1])
-        wrench = np.array([u[0], u[1], -py * u[0] + px * u[1]])
-        co, s = np.cos(x[2]), np.sin(x[2])
-        turn = np.array([[co, -s, 0.0], [s, co, 0.0], [0.0, 0.0, 1.0]])
-        c[0:3, 0] = xdot - duration * (turn @ (self.surface @ wrench))
-        c[3] = y[0] - (u[1] + self.friction * u[0])
-        c[4] = y[1] - (u[1] - self.friction * u[0])
-
-
 def _matrix(*rows):
     return np.array(rows, dtype=float)
 
@@ -285,7 +241,6 @@ class Car(_Timed):
 
 PROBLEMS = (
     SwingUp,
-    PushingModes,
     LinearComplementarity,
     QuickCart,
     ParameterCurve,
