@@ -33,7 +33,7 @@ from published import PUBLISHED
 from table import Table, cells_of, markdown, show_progress
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
-NOT_SCRIPTS = ("run_example", "mechanism_pictures", "cart_pole_closed_loop")
+NOT_SCRIPTS = ("run_example", "mechanism_pictures", "cart_pole_closed_loop", "gaussian_process")
 # Those that take longest come first, so that no core is left with one of them at the end.
 LONGEST = ("belt_drive", "linear_complementarity_control", "rod", "hit_and_catch", "truss_robot", "sphere")
 COLUMNS = [

@@ -495,16 +495,17 @@ class PhaseBlockData(BuiltBlockData):
         *,
         initial: Mapping[str, float] | None = None,
         method: str = "DOP853",
+        rtol: float = 1e-9,
+        atol: float = 1e-10,
         unknown: Sequence[str] | None = None,
         restitution: Mapping[str, float] | None = None,
     ) -> Trajectory:
         """What the equations do from the initial values on, as a trajectory on the phase's own grid.
 
-        Explicit differential equations are integrated by `scipy.integrate.solve_ivp` to a relative error of 1e-9,
-        element by element with the polynomials of controls. With residual equations, step maps, or
-        ``method="scheme"``, the rows of the scheme are solved element by element. Where pairs determine what is left,
-        such as the forces of contacts, the rows and pairs of an element are solved together, as a mixed
-        complementarity problem. Nothing on the model changes:
+        Explicit differential equations are integrated by `scipy.integrate.solve_ivp`, element by element with the
+        polynomials of controls. With residual equations, step maps, or ``method="scheme"``, the rows of the scheme
+        are solved element by element. Where pairs determine what is left, such as the forces of contacts, the rows
+        and pairs of an element are solved together, as a mixed complementarity problem. Nothing on the model changes:
         use ``phase.initialize(trajectory)`` to start from the result.
 
         Parameters
@@ -516,6 +517,8 @@ class PhaseBlockData(BuiltBlockData):
             Where states start; as the phase holds them by default.
         method : str
             A method of `solve_ivp` (``"Radau"`` for stiff equations), or ``"scheme"``.
+        rtol, atol : float
+            Tolerances of `solve_ivp`.
         unknown : sequence of str, optional
             Algebraics and controls that are to be found, in the place of the default: the algebraics that are not given
             and, where there are more pairs than these, the controls that stand in pairs.
@@ -544,7 +547,9 @@ class PhaseBlockData(BuiltBlockData):
                 f"phase '{self.name}': simulate was given a trajectory; expected a dict of controls, or nothing for "
                 "those that the phase holds. Write phase.initialize(trajectory), then phase.simulate()."
             )
-        options = SimulationOptions(method=method, unknown=unknown, restitution=dict(restitution or {}))
+        options = SimulationOptions(
+            method=method, rtol=rtol, atol=atol, unknown=unknown, restitution=dict(restitution or {})
+        )
         return simulate(self, controls or {}, initial or {}, options)
 
     def remesh(self, mesh: Any) -> None:

@@ -152,8 +152,9 @@ class ProgramWithFunctions:
         """
         x, main = np.array(x), self._main
         for _, several in groupby(self._points, attrgetter("level")):
-            # The row of an argument is that of its variable less what it is to be.
-            x[self._held] += (main.g_lower - main.rows.values(x))[main.m - self._held.size :]
+            # The row of an argument is that of its variable less what it is to be; what it was may have no number.
+            x[self._held] = 0.0
+            x[self._held] = (main.g_lower - main.rows.values(x))[main.m - self._held.size :]
             for points in several:
                 try:
                     x[points.columns] = points.values(x)

@@ -145,6 +145,19 @@ def test_each_function_is_called_once_for_all_points() -> None:
     assert counts == [(32, 2), (14, 2)]
 
 
+def test_an_argument_that_divides_by_another_call_has_its_value_at_the_first_point() -> None:
+    """As a Mach number does, by the speed of sound: before the inner call is evaluated it is no number."""
+    m = pyo.ConcreteModel(name="nested")
+    m.x = pyo.Var(range(2), initialize=2.0)
+    inner, _ = F(m.x[0], m.x[1])
+    m.row = pyo.Constraint(expr=F(m.x[1] / inner, 1.0)[0] == 0.5)
+    m.cost = pyo.Objective(expr=m.x[0])
+    nlp = CompiledModel(m).nlp
+    assert np.isfinite(nlp.x_start).all()
+    ratio = 2.0 / value(np.array([[2.0, 2.0]]))[0, 0]
+    assert np.abs(nlp.x_start - ratio).min() < 1e-12
+
+
 def test_derivatives_are_checked_when_a_model_is_compiled_and_only_once() -> None:
     wrong = rcp.Function(value, lambda X: 2 * jacobian(X), outputs=["first", "second"], name="wrong")
     with pytest.raises(FunctionError, match=r"'wrong\.first': jacobian gives"):
