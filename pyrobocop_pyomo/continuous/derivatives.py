@@ -159,13 +159,13 @@ def write_rows(discretisation: Discretisation) -> None:
         assert axis is not None
         lines = [axis.others(index) for index in rate if axis.time(index) == grid.times[0]]
         by_rule = {others: said for others in lines if (said := _said_of_line(sides, state, axis, grid, others))}
-        for number, rows in enumerate(discretisation.rows[rate]):
-            line_rows = LineRows(state, rate, grid, axis, number == 1)
-            if number == 0 and by_rule:
-                indices = [axis.join(others, time) for others in by_rule for time in row_times(grid)]
-                add_rows_by_rule(rows, ExplicitRows(state, grid, axis, by_rule), indices)
-            for others in lines:
-                for time, row in () if number == 0 and others in by_rule else line_rows.of(others, sides):
+        if by_rule:
+            indices = [axis.join(others, time) for others in by_rule for time in row_times(grid)]
+            add_rows_by_rule(discretisation.rows[rate][0], ExplicitRows(state, grid, axis, by_rule), indices)
+        for are_joints, rows in enumerate(discretisation.rows[rate]):
+            line_rows = LineRows(state, rate, grid, axis, bool(are_joints))
+            for others in lines if are_joints else [others for others in lines if others not in by_rule]:
+                for time, row in line_rows.of(others, sides):
                     new_row(rows, axis.join(others, time), row)
 
 
@@ -279,7 +279,7 @@ class RightHandSide(ExpressionData):
     @property
     def args(self) -> Any:
         """The right-hand side, which is made where a rule says it."""
-        if self.said is not None and super().args[0] is None:
+        if super().args[0] is None and self.said is not None:
             rule, label = self.said
             self.set_value(rule.right_hand_side(rule.parts(self._row.index())[0], label))
         return super().args

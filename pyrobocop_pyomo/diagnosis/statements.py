@@ -183,11 +183,13 @@ def objective_findings(model: Any) -> Iterator[Finding]:
 def duration_findings(model: Any) -> Iterator[Finding]:
     """Durations at their lower bounds, where the objective reads nothing else: it chooses between no motions then."""
     ends = {id(phase.duration): phase for phase in phases_of(model) if phase.has_free_duration}
+    if not ends:
+        return
     goals = [objective.expr for objective in model.component_data_objects(Objective, active=True, descend_into=Block)]
     read = [variable for variable in variables_in_any(goals).values() if not variable.fixed]
     is_decided = all(id(of) in ends and of.lb not in (None, of.ub) and of.value - of.lb <= MET for of in read)
-    controls = free_controls(model)
-    for duration in read if is_decided and controls else ():
+    controls = free_controls(model) if is_decided else {}
+    for duration in read if controls else ():
         yield warning_about(
             f"the objective reads durations alone, and that of phase '{ends[id(duration)].name}' ends at its lower "
             f"bound, {duration.lb:g}: any values of {quoted(controls)} that meet the constraints are an answer.",

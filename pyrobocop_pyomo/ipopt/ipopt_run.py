@@ -193,10 +193,12 @@ class KeptProblem:
         self._library: IpoptLibrary | None = None
         self._callbacks: IpoptCallbacks | None = None
         self._made_for: tuple[Any, ...] = ()
+        self._busy = False
 
+    @contextlib.contextmanager
     def opened(
         self, library: IpoptLibrary, nlp: NonlinearProgram, names: frozenset[str], on_iteration: OnIteration | None
-    ) -> tuple[int, IpoptCallbacks]:
+    ) -> Iterator[tuple[int, IpoptCallbacks]]:
         """The address of a problem object for one run, and its callbacks.
 
         Parameters
@@ -213,6 +215,10 @@ class KeptProblem:
         MemoryError
             When Ipopt makes no object.
         """
+        if self._busy:  # a run within a callback of a run
+            with contextlib.closing(KeptProblem()) as own, own.opened(library, nlp, names, on_iteration) as opened:
+                yield opened
+            return
         bounds = [np.array(bound, dtype=np.float64) for bound in (nlp.x_lower, nlp.x_upper, nlp.g_lower, nlp.g_upper)]
         made_for = (library, nlp, names, *(bound.tobytes() for bound in bounds))
         if self._callbacks is not None and self._made_for == made_for:
@@ -230,7 +236,11 @@ class KeptProblem:
                 self.close()
                 raise MemoryError(f"Ipopt could not create a problem with {nlp.n} variables and {nlp.m} rows.")
             library.functions.SetIntermediateCallback(self._address, self._callbacks.intermediate)
-        return self._address, self._callbacks  # type: ignore[return-value]
+        self._busy = True
+        try:
+            yield self._address, self._callbacks  # type: ignore[misc]
+        finally:
+            self._busy = False
 
     def close(self) -> None:
         """Free the object; the next run makes another one."""
@@ -348,7 +358,7 @@ def _run_once(
         if kept is None or scaling is not None or output:
             kept = KeptProblem()
             stack.callback(kept.close)
-        problem, callbacks = kept.opened(library, nlp, frozenset(settings), on_iteration)
+        problem, callbacks = stack.enter_context(kept.opened(library, nlp, frozenset(settings), on_iteration))
         if scaling is not None:
             factors = _vector(scaling.x, nlp.n, "scaling.x"), _vector(scaling.g, nlp.m, "scaling.g")
             addresses = [factor.ctypes.data for factor in factors]  # Ipopt copies the factors

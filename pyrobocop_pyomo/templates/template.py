@@ -131,26 +131,21 @@ class PointBetween(TimeTemplate):
         super().__init__()
         self._points = points
 
-    def _is_below(self, number: Any) -> bool | None:
-        """Whether all of them are below a number; None where some are, or where it is none."""
-        if number.__class__ not in numvalue.native_numeric_types or self._points[0] < number < self._points[-1]:
-            return None
-        return bool(number >= self._points[-1])
-
     def __eq__(self, other: Any) -> Any:
         if other.__class__ in numvalue.native_numeric_types and other in self._points:
             return False
         return super().__eq__(other)
 
-    def __lt__(self, other: Any) -> Any:
-        is_below = self._is_below(other)
-        return super().__lt__(other) if is_below is None else is_below
+    def __lt__(self, other: Any) -> bool:
+        first, last = self._points[0], self._points[-1]
+        if other.__class__ in numvalue.native_numeric_types and (other <= first or other >= last):
+            return bool(other >= last)
+        raise TemplateExpressionError(self, "the rule has to know the point as a number")
 
-    def __gt__(self, other: Any) -> Any:
-        is_below = self._is_below(other)
-        return super().__gt__(other) if is_below is None else not is_below
+    def __gt__(self, other: Any) -> bool:
+        return not self < other
 
-    __le__, __ge__ = __lt__, __gt__
+    __le__, __ge__ = __lt__, __gt__  # they are none of the numbers that they are compared with
 
 
 class Reading(_Unknown):

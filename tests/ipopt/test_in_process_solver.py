@@ -234,6 +234,18 @@ def test_other_bounds_and_other_programs_are_noticed() -> None:
     assert run_ipopt(program().nlp, {}, kept=kept).x[0] < 0.2
 
 
+def test_a_run_within_a_run_has_an_object_of_its_own() -> None:
+    nlp, kept, inner = program().nlp, KeptProblem(), []
+
+    def again(record: Any) -> bool:
+        if not inner:
+            inner.append(run_ipopt(nlp, {}, kept=kept))
+        return True
+
+    outer = run_ipopt(nlp, {}, kept=kept, on_iteration=again)
+    np.testing.assert_array_equal(outer.x, inner[0].x)
+
+
 def test_what_a_callback_raises_spoils_no_later_run() -> None:
     nlp, kept = program().nlp, KeptProblem()
 
