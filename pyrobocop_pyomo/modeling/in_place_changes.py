@@ -18,7 +18,7 @@ from pyomo.core.base.suffix import Suffix
 
 from .activity import BLOCK_TYPES
 from .blocks import snapshot_of
-from .rows_by_rule import RowByRule, as_read
+from .rows_by_rule import as_read, put_arguments
 
 # What a component keeps when it is stated anew.
 _PLACE = ("_parent", "_name", "_ctype", "doc")
@@ -42,8 +42,7 @@ class Content:
         self.parts: dict[Any, Any] = dict(data) if type(data) is dict else {}
         named = self.parts if component.ctype is Expression else {}
         # All other parts are replaced by new ones.
-        self._stated = {index: part.expr for index, part in named.items()}
-        self.by_rule = {index for index, part in self.parts.items() if part.__class__ is RowByRule}
+        self._stated = {index: part.args for index, part in named.items()}
         self._members = list(component) if component.ctype is Set else None
 
     def put_back(self) -> None:
@@ -57,18 +56,11 @@ class Content:
             return
         for index, part in self.parts.items() if component.is_indexed() else ():
             if component.ctype is Expression:
-                part.set_value(self._stated[index])
+                put_arguments(part, self._stated[index])
             if hasattr(part, "_component") and not component.is_reference():
                 part._component, part._index = weakref.ref(component), index
         if type(component.__dict__.get("_data")) is dict:
             component.__dict__["_data"] = self.parts
-
-    def expressions(self) -> dict[Any, list[Any]]:
-        """The expressions that the parts held, by index, but for those that follow a rule."""
-        if self._stated:
-            return {index: [held] for index, held in self._stated.items()}
-        read = {index: part for index, part in self.parts.items() if index not in self.by_rule}
-        return {index: held for index, part in read.items() if (held := expressions_of(part))}
 
     def parts_now(self) -> dict[Any, Any]:
         """The parts that it has by now."""

@@ -6,7 +6,7 @@ Which part of an expression has no value or no derivative at the current values,
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,12 +18,15 @@ from pyomo.core.expr.relational_expr import RelationalExpression
 from .shared_nodes import NodesOnce, shared_value, variables_in
 
 
-def number_or_nan(expression: Any, without: float = math.nan) -> float:
-    """Value of an expression; NaN where it has none or is no real number, `without` for None."""
+def number_or_nan(expression: Any, without: float = math.nan, known: Mapping[int, float] | None = None) -> float:
+    """Value of an expression; NaN where it has none or is no real number, `without` for None.
+
+    Values of some nodes may be known, by their ids.
+    """
     if expression is None:
         return without
     try:
-        number = shared_value(expression, exception=False)
+        number = shared_value(expression, exception=False, known=known)
         return math.nan if number is None or isinstance(number, complex) else float(number)
     except (ArithmeticError, ValueError, TypeError):
         return math.nan

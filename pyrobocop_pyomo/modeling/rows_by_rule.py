@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 from pyomo.core.base.constraint import ConstraintData
+from pyomo.core.base.expression import ExpressionData
 from pyomo.core.expr.numvalue import value
 
 from .bulk_parts import put_part
@@ -89,6 +90,62 @@ class RowByRule(ConstraintData):
         self.expr  # noqa: B018 - it is made
         found: tuple[Any, Any, Any] = super().to_bounded_expression(evaluate_bounds)
         return found
+
+
+class SumByRule(Sequence[Any]):
+    """The only argument of a named expression that follows a rule: a sum, made when it is read.
+
+    The expression is an ordinary one when it is set to something else.
+
+    Parameters
+    ----------
+    rule : RowRule
+        Says what stands at the index of the expression.
+    part : ExpressionData
+    """
+
+    def __init__(self, rule: RowRule, part: ExpressionData) -> None:
+        self._rule, self._part = rule, part
+        self._sum: Any = None
+
+    def __len__(self) -> int:
+        return 1
+
+    def __getitem__(self, place: Any) -> Any:
+        if self._sum is None:
+            self._sum = self._rule(self._part.parent_block(), self._part.index())
+        return (self._sum,)[place]
+
+    @property
+    def is_made(self) -> bool:
+        """Whether somebody has read it."""
+        return self._sum is not None
+
+    def forget(self) -> None:
+        """Make it anew when it is read again."""
+        self._sum = None
+
+    def repeated(self) -> RepeatedSum:
+        """Its summands, of which none is made."""
+        (found,) = self._rule.sums(self._part.parent_block(), [self._part.index()])
+        return found
+
+    def leaves(self) -> list[Any]:
+        """The variables and parameters that it holds."""
+        return [leaf for alike in self.repeated().variables for leaf in alike]
+
+
+def sum_by_rule(node: Any) -> SumByRule | None:
+    """What a named expression holds, where it follows a rule."""
+    held = getattr(node, "_args_", None)
+    return held if held.__class__ is SumByRule else None
+
+
+def put_arguments(part: ExpressionData, held: Any) -> None:
+    """Let a named expression hold what it has held before, or a sum that follows a rule."""
+    part._args_ = held
+    if held.__class__ is SumByRule:
+        held.forget()
 
 
 def add_rows_by_rule(component: Any, rule: RowRule, indices: Iterable[Any]) -> None:

@@ -8,8 +8,9 @@ Pyomo's own walks visit the tree.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Set
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence, Set
 from itertools import chain
+from operator import attrgetter
 from typing import Any
 
 from pyomo.core.expr.numvalue import native_types, value
@@ -32,12 +33,25 @@ def variables_in(expression: Any, leaves: Collection[int] = (), include_fixed: b
     def is_wanted(node: Any) -> bool:
         return not node.is_expression_type() or id(node) in leaves
 
-    for node in topmost_nodes((expression,), is_wanted):
+    for node in topmost_nodes((expression,), is_wanted, _leaves_or_arguments):
         if node.is_expression_type() or is_variable(node):
             yield node
 
 
-def topmost_nodes(expressions: Iterable[Any], wanted: Callable[[Any], bool]) -> Iterator[Any]:
+def _leaves_or_arguments(node: Any) -> Sequence[Any]:
+    """What is below a node; all leaves of a sum that follows a rule and that nobody has read."""
+    below: Sequence[Any] = node.args
+    if below.__class__ in (tuple, list) or not hasattr(below, "leaves"):
+        return below
+    leaves: list[Any] = below.leaves()
+    return leaves
+
+
+def topmost_nodes(
+    expressions: Iterable[Any],
+    wanted: Callable[[Any], bool],
+    below: Callable[[Any], Sequence[Any]] = attrgetter("args"),
+) -> Iterator[Any]:
     """Nodes that are wanted, each once and from left to right, without those below a node that is wanted.
 
     Parameters
@@ -45,6 +59,8 @@ def topmost_nodes(expressions: Iterable[Any], wanted: Callable[[Any], bool]) -> 
     expressions : iterable of expression, relation, variable or number
     wanted : callable
         ``wanted(node)`` for operators, named expressions, variables and parameters.
+    below : callable
+        From an operator or a named expression to the nodes below it.
     """
     pending = [*expressions][::-1]
     seen: dict[int, Any] = {}  # nodes that Pyomo makes for the moment have to live on to keep their ids
@@ -56,12 +72,13 @@ def topmost_nodes(expressions: Iterable[Any], wanted: Callable[[Any], bool]) -> 
         if wanted(node):
             yield node
         elif node.is_expression_type():
-            pending.extend(reversed(node.args))
+            pending.extend(reversed(below(node)))
 
 
 def variables_in_any(expressions: Iterable[Any], leaves: Set[int] = frozenset()) -> dict[int, Any]:
     """Each variable that one of many expressions holds, by its id; `leaves` are as in `variables_in`."""
-    found = topmost_nodes(expressions, lambda node: not node.is_expression_type() or id(node) in leaves)
+    is_wanted: Callable[[Any], bool] = lambda node: not node.is_expression_type() or id(node) in leaves  # noqa: E731
+    found = topmost_nodes(expressions, is_wanted, _leaves_or_arguments)
     return {id(node): node for node in found if node.is_expression_type() or node.is_variable_type()}
 
 
@@ -156,7 +173,7 @@ class NodeValues(NodesOnce):
         return number
 
 
-def shared_value(expression: Any, exception: bool = True) -> Any:
+def shared_value(expression: Any, exception: bool = True, known: Mapping[int, float] | None = None) -> Any:
     """Value of an expression as Pyomo's ``value`` gives it, with each node evaluated once.
 
     Parameters
@@ -164,11 +181,13 @@ def shared_value(expression: Any, exception: bool = True) -> Any:
     expression : expression, relation, variable, parameter or number
     exception : bool
         Whether an error is raised where a variable has no value; otherwise None is returned.
+    known : mapping of int to float, optional
+        Values of some nodes, by the ``id`` of the node.
     """
     if expression.__class__ in native_types or not expression.is_expression_type():
         return value(expression, exception=exception)
     try:
-        return NodeValues().of(expression)
+        return NodeValues(known).of(expression)
     except (ValueError, TypeError):
         if exception:
             raise

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from itertools import count
+from types import MappingProxyType
 from typing import Any
 
 from pyomo.core.base.constraint import Constraint
@@ -21,7 +22,7 @@ from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.activity import ONE_MODEL, foreign_read, foreign_variable
 from pyrobocop_pyomo.modeling.bulk_parts import new_row
 from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions, plain_scalar
-from pyrobocop_pyomo.modeling.rows_by_rule import add_rows_by_rule
+from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, RowRule, add_rows_by_rule, sum_by_rule
 from pyrobocop_pyomo.modeling.rule_slips import slips_explained
 from pyrobocop_pyomo.modeling.shared_nodes import expressions_returned, variables_in_any
 from pyrobocop_pyomo.templates.template import Template
@@ -300,7 +301,8 @@ def _answers(block: Any, statement: Statement, ask: Callable[[float], Any]) -> t
     for time in statement.times(block):
         found[time] = ask(time)
         if statement.kind != "ode":  # a rate may be a number
-            may_be_read_later = may_be_read_later and all(map(_is_expression, found[time].values()))
+            bodies = (row[1] if _is_range(row) else row for row in found[time].values())
+            may_be_read_later = may_be_read_later and all(map(_is_expression, bodies))
         if len(found) == 2 and may_be_read_later and statement.reads_variables_alone(block):
             return found, True
     return found, False
@@ -348,18 +350,56 @@ def _add_rows(block: Any, statement: Statement, results: dict[float, dict[Hashab
 
 def named_integral(block: Any, integrand: Rule) -> Any:
     """See `PhaseBlock.integral`: a member of the named expression that holds the integrals of the phase."""
+    record: PhaseRecord = block.record
     statement = Statement("integrand", rule_name(integrand), Template(integrand))
-    total = _integral(block, statement)
-    is_part = block.record.asking  # a rule that is evaluated makes its own
-    if is_part or total.__class__ in native_numeric_types:
+    if record.asking:  # a rule that is evaluated makes its own
+        return _integral(block, statement)
+    found, is_read_later = _answers(block, statement, lambda time: {None: _summand(block, statement, time)})
+    if is_read_later and not record.free_widths:
+        return hand_out(block, INTEGRALS, record.integrals, statement, IntegralRule())
+    total = _integral(block, statement, {} if is_read_later else found)
+    if total.__class__ in native_numeric_types:
         return total
-    return hand_out(block, INTEGRALS, block.record.integrals, statement, total)
+    return hand_out(block, INTEGRALS, record.integrals, statement, total)
+
+
+class IntegralRule(RowRule):
+    """What the integrals that a phase has handed out are, by their positions."""
+
+    def __call__(self, block: Any, index: int) -> Any:
+        """The sum over the points."""
+        return _integral(block, block.record.integrals[index - 1])
+
+    def sums(self, block: Any, indices: list[int]) -> list[RepeatedSum]:
+        """The integrand at all points."""
+        (scale, weights), found = quadrature_weights(block), []
+        times, is_free = list(weights), scale.__class__ not in native_numeric_types
+        factor = 1.0 if is_free else scale
+        for position, index in enumerate(indices):
+            statement = block.record.integrals[index - 1]
+            formulas: Any = statement.rule.formulas(block)
+            variables = [slot.at_all(block, times) for slot in formulas.slots]
+            if is_free and not any(each[0] is scale for each in variables):
+                variables.append([scale] * len(times))
+
+            def summand(place: int, statement: Statement = statement) -> Any:
+                of_time = _summand(block, statement, times[place])
+                return scale * of_time if is_free else of_time
+
+            scales = [factor * weight for weight in weights.values()]
+            found.append(RepeatedSum([position] * len(times), scales, variables, summand))
+        return found
 
 
 def restate_integrals(block: Any) -> None:
     """Give every integral that was handed out its sum over the points that the phase has now."""
     for position, statement in enumerate(block.record.integrals, start=1):
-        block.component(INTEGRALS)[position].set_value(_integral(block, statement))
+        member = block.component(INTEGRALS)[position]
+        held = sum_by_rule(member)
+        if held is not None and not block.record.free_widths:
+            held.forget()
+        else:
+            member.set_value(_integral(block, statement))
 
 
 def _summand(block: Any, statement: Statement, time: float) -> Any:
@@ -380,9 +420,10 @@ def _summand(block: Any, statement: Statement, time: float) -> Any:
     return plain_scalar(found, label)
 
 
-def _integral(block: Any, statement: Statement) -> Any:
+def _integral(block: Any, statement: Statement, known: Mapping[float, Any] = MappingProxyType({})) -> Any:
+    """The sum over the points; of some the integrand may be known, as the rows of `_answers`."""
     scale, weights = quadrature_weights(block)
-    total = quadrature(lambda time: _summand(block, statement, time), weights)
+    total = quadrature(lambda time: known[time][None] if time in known else _summand(block, statement, time), weights)
     plain = isinstance(scale, float) and scale == 1.0
     return total if plain else scale * total
 
@@ -435,6 +476,11 @@ def _is_numeric(rate: object) -> bool:
     """True for one Pyomo number: neither a relation nor a component that still needs an index."""
     numeric = getattr(rate, "is_numeric_type", lambda: False)()
     return numeric and not getattr(rate, "is_indexed", lambda: False)()
+
+
+def _is_range(row: object) -> bool:
+    """Whether a row is (lower, body, upper), each of them stated."""
+    return isinstance(row, tuple) and len(row) == 3
 
 
 def _is_expression(row: object) -> bool:

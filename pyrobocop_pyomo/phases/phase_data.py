@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from difflib import get_close_matches
 from inspect import isroutine
@@ -43,7 +43,7 @@ from .horizon import add_horizon, checked_duration, make_mesh, real_time
 from .initial_guesses import set_guesses, set_straight_lines, set_trajectory
 from .nodes import InitialGuess
 from .phase_values import PhaseValues
-from .record import AT_BOUNDARIES, PhaseRecord, Statement
+from .record import AT_BOUNDARIES, PhaseRecord, Statement, note_stated
 from .reintegration import Reintegration, reintegrate
 from .remeshing import remesh_phases
 from .simulation import SimulationOptions, simulate
@@ -600,6 +600,14 @@ class PhaseBlockData(BuiltBlockData):
         return reintegrate(self, checked, initial=initial)
 
     # ---------------------------------------------------------------- construction
+
+    @contextmanager
+    def _all_or_nothing(self) -> Iterator[None]:
+        """As of every block, and what was stated is noted."""
+        before = set() if self._record is None else set(self._record.made)
+        with super()._all_or_nothing():
+            yield
+            note_stated(self, self.record.made.keys() - before)
 
     def _state(self, kind: str, rule: Rule, name: str | None) -> Rule:
         statement = Statement(kind, name_of_rows(self, kind, rule, name), Template(rule))

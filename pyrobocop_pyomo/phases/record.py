@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from pyomo.core.base.expression import Expression
 from pyomo.core.base.set import Any as AnyIndex
+from pyomo.core.base.var import Var
 from pyomo.core.expr.relational_expr import RelationalExpression
 
 from pyrobocop_pyomo.complementarity import Complementarity, form_of
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions
+from pyrobocop_pyomo.modeling.in_place_changes import expressions_of
+from pyrobocop_pyomo.modeling.rows_by_rule import RowByRule, RowRule, SumByRule, put_arguments, sum_by_rule
 from pyrobocop_pyomo.modeling.time_index import TimeIndex
 from pyrobocop_pyomo.modeling.variable_families import FamilyNames, VariableFamily
 from pyrobocop_pyomo.numerics import Grid
@@ -65,6 +68,30 @@ class Statement:
         return {label: form_of(self, a, b, (*choices, None, None)[:2]) for label, (a, b, *choices) in stated.items()}
 
 
+class Stated(NamedTuple):
+    """What a component held when it was stated.
+
+    Attributes
+    ----------
+    parts : int
+        How many it had.
+    expressions : dict of index to list of expression
+        Those in the parts, without parts that follow a rule: these are ordinary ones once they are set.
+    """
+
+    parts: int = 0
+    expressions: Mapping[Any, list[Any]] = {}
+
+    @classmethod
+    def of(cls, component: Any) -> Stated:
+        """What it holds now."""
+        parts = {} if component.ctype is Var else dict(component.items())
+        by_rule = {index for index, part in parts.items() if part.__class__ is RowByRule or sum_by_rule(part)}
+        ordinary = {index: part for index, part in parts.items() if index not in by_rule}
+        held = {index: expressions_of(part) for index, part in ordinary.items()}
+        return cls(len(parts), {index: expressions for index, expressions in held.items() if expressions})
+
+
 @dataclass
 class PhaseRecord:
     """The facts behind a `PhaseBlock`; components are referred to by name, which survives clones.
@@ -88,8 +115,8 @@ class PhaseRecord:
         Right-hand sides that were substituted; of states that a step map leads, the values an element later.
     kept_derivatives : set of str
         States whose derivative is a variable of its own.
-    made : set of str
-        Names of the components that declarations, rules and the horizon have made, which another mesh makes anew.
+    made : dict of name to Stated
+        The components that declarations, rules and the horizon have made, which another mesh makes anew.
     generated_rows : set of str
         Names of the constraints that tie states to their derivatives: no equations of the user's.
     control_rates : dict of control name to {collocation point: expression}
@@ -130,7 +157,7 @@ class PhaseRecord:
     discrete_states: set[str] = field(default_factory=set)
     rates: dict[str, Any] = field(default_factory=dict)
     kept_derivatives: set[str] = field(default_factory=set)
-    made: set[str] = field(default_factory=set)
+    made: dict[str, Stated] = field(default_factory=dict)
     generated_rows: set[str] = field(default_factory=set)
     control_rates: dict[str, Mapping[float, Any]] = field(default_factory=dict)
     residuals_per_point: int = 0
@@ -193,11 +220,18 @@ def place(block: Any, name: str, component: Any) -> Any:
     component
         The one on the block.
     """
-    block.record.made.add(name)
+    block.record.made[name] = Stated()
     if block.record.restating is not None:
         return block.record.restating.place(name, component)
     block.add_component(name, component)
     return component
+
+
+def note_stated(block: Any, names: Iterable[str]) -> None:
+    """Remember what components hold, so that it is seen when the user changes them."""
+    for name in names:
+        if (component := block.component(name)) is not None:
+            block.record.made[name] = Stated.of(component)
 
 
 def add_generated(block: Any, name: str, component: Any) -> Any:
@@ -227,14 +261,19 @@ def hand_out(block: Any, name: str, entries: list[Any], entry: Any, expression: 
     entries : list
         Of the record: what each member stands for. This one is added.
     entry : object
-    expression : expression
-        On the grid that the phase has now.
+    expression : expression or RowRule
+        On the grid that the phase has now, or what says it when it is read.
     """
     if block.component(name) is None:
         add_generated(block, name, Expression(AnyIndex))
     entries.append(entry)
     members = block.component(name)
-    members[len(entries)] = expression
+    if isinstance(expression, RowRule):
+        members[len(entries)] = 0.0
+        put_arguments(members[len(entries)], SumByRule(expression, members[len(entries)]))
+    else:
+        members[len(entries)] = expression
+    note_stated(block, [name])
     return members[len(entries)]
 
 

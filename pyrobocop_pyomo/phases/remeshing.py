@@ -41,7 +41,7 @@ from .equations import add_derivative, add_statement, restate_integrals
 from .horizon import add_boundaries, make_mesh
 from .nodes import IntervalNodes, KnotNodes, Nodes, StateNodes
 from .phase_values import PhaseValues
-from .record import PhaseRecord
+from .record import PhaseRecord, Stated, note_stated
 from .rule_formulas import asked_by_point
 from .variables import add_variables
 
@@ -200,7 +200,7 @@ def _reason(grids: Mapping[Any, Grid]) -> str | None:
             )
         if (reason := asked_by_point(phase)) is not None:
             return reason
-    return _user_reading(model, grids) or _changed_row(model, grids)
+    return _user_reading(model, grids) or _changed_part(grids)
 
 
 def _user_reading(model: Any, grids: Mapping[Any, Grid]) -> str | None:
@@ -304,25 +304,24 @@ def _built_blocks(model: Any) -> list[Any]:
     return [block for block in blocks if isinstance(block, BuiltBlockData) and block.is_built]
 
 
-def _changed_row(model: Any, grids: Mapping[Any, Grid]) -> str | None:
-    """A rule whose rows are not what it has said: phases are stated on the meshes that they have, and put back."""
-    changes = InPlaceChanges(grids)
-    with PauseGC():
-        try:
-            _state_anew({phase: phase.grid for phase in grids}, changes)
-            for content in changes.contents.values():
-                before = content.expressions()
-                now = {index: expressions_of(part) for index, part in content.parts_now().items()}
-                # What follows its rule is what that says.
-                for index in (content.parts | now).keys() - content.by_rule if content.parts else ():
-                    if not same_results(before.get(index, []), now.get(index, [])):
-                        name = content.component.name
-                        return (
-                            f"'{name}[{index}]' is not what the rule of '{name}' said when it was stated: rows that "
-                            "were changed since cannot be made for another mesh. State the rule anew."
-                        )
-        finally:
-            changes.take_back()
+def _changed_part(grids: Mapping[Any, Grid]) -> str | None:
+    """A component of phases that does not hold what was stated, in words."""
+    for phase in grids:
+        for name, stated in phase.record.made.items():
+            if (component := phase.component(name)) is None:
+                continue
+            now = Stated.of(component)
+            changed = (
+                index
+                for index in now.expressions | stated.expressions
+                if not same_results(now.expressions.get(index, []), stated.expressions.get(index, []))
+            )
+            if (index := next(changed, None)) is not None or now.parts != stated.parts:
+                part = component.name if index is None else f"{component.name}[{index}]"
+                return (
+                    f"'{part}' is not what the rule of '{component.name}' said when it was stated: rows that "
+                    "were changed since cannot be made for another mesh. State the rule anew."
+                )
     return None
 
 
@@ -335,23 +334,18 @@ def _restate(grids: Mapping[Any, Grid]) -> None:
     followers = [block for block in _built_blocks(model) if block.stands_on(times) and block.can_follow_times]
     inside = [each for of in followers for each in of.block_data_objects(active=None, descend_into=BLOCK_TYPES)]
     with PauseGC(), InPlaceChanges([*grids, *inside]) as changes:
-        _state_anew(grids, changes)
+        phases = [PhaseOnGrid(phase, grid, changes) for phase, grid in grids.items()]
+        for phase in phases:
+            phase.begin()  # all have their times before the first is stated
+        for phase in phases:
+            phase.state()
+        for phase in phases:
+            phase.finish()
         for block in followers:
             block.follow_times()
         if (reason := _reading_of(model, grids, changes.lost_parts())) is not None:
             raise ModelError(reason)
         changes.finish(model)
-
-
-def _state_anew(grids: Mapping[Any, Grid], changes: InPlaceChanges) -> None:
-    """State phases on the grids that they get, each after all have their times."""
-    phases = [PhaseOnGrid(phase, grid, changes) for phase, grid in grids.items()]
-    for phase in phases:
-        phase.begin()
-    for phase in phases:
-        phase.state()
-    for phase in phases:
-        phase.finish()
 
 
 class PhaseOnGrid:
@@ -424,6 +418,7 @@ class PhaseOnGrid:
         for component in self._placed:
             _carry_activity(component, self._changes.parts_before(component))
         record.restating = None
+        note_stated(block, list(record.made))
 
     # ---------------------------------------------------------------- what the builders call
 

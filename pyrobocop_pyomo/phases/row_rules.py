@@ -158,7 +158,7 @@ class StatedRows(FormulaRows):
         if self._last is None or self._last[0] != time:
             self._last = time, self._statement.rows(self._statement(block, time))
         row = self._last[1][label]
-        return row if isinstance(row, RelationalExpression) else row == 0
+        return row if isinstance(row, (RelationalExpression, tuple)) else row == 0
 
     def parts(self, index: Any) -> tuple[float, Hashable]:
         """The index itself, where rows have labels."""

@@ -27,7 +27,7 @@ from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.bulk_parts import new_row, new_variable, put_part
 from pyrobocop_pyomo.modeling.expression_nodes import CONSTANT, DIVISION, LEAF, NAMED, NEGATION, PRODUCT, SUMMATION
 from pyrobocop_pyomo.modeling.functions import Function, FunctionOutput, is_function_call
-from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, RowByRule, sums_of
+from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, RowByRule, sum_by_rule, sums_of
 from pyrobocop_pyomo.modeling.shared_nodes import NodesOnce, topmost_nodes
 
 from .model_checks import check_variables, external_function_refused
@@ -179,6 +179,7 @@ class Terms:
         self._kinds = NodeKinds()
         self.groups = TermGroups(columns, self._kinds, self._content)
         self._terms: list[tuple[int, NonlinearTerm]] = []
+        self._sums: list[tuple[RepeatedSum, float]] = []  # that follow a rule, as far as they were met and not added
         self._repeated: list[tuple[NonlinearTerm, np.ndarray, np.ndarray, dict[int, np.ndarray]]] = []
 
     def add(self, row: int, expression: Any, scale: float = 1.0, keep_constant: bool = False) -> bool:
@@ -192,9 +193,18 @@ class Terms:
         columns: list[int] = []
         coefficients: list[float] = []
         constant, parts = self._split(expression, scale, columns, coefficients)
+        sums = []
+        for repeated, factor in self._sums:
+            self.columns.add_by_rows([repeated._replace(rows=list(range(len(repeated.rows))))])  # as a walk meets them
+            scales = [factor * scale for scale in repeated.scales]
+            sums.append((repeated._replace(scales=scales), self.columns.table(repeated)))
+        self._sums.clear()
         variable = any(column >= 0 for column in columns) or any(map(self._has_variable, parts))
+        variable = variable or any((table >= 0).any() for _, table in sums)
         if not (variable or keep_constant):
             return False
+        for repeated, table in sums:
+            self.add_repeated(repeated, table, row)
         if constant:
             self.constants[row] = self.constants.get(row, 0.0) + constant
         self.linear_rows += [row] * len(columns)
@@ -273,6 +283,9 @@ class Terms:
                     parts.append(_product(factors, node, scale))
             elif kind == DIVISION and kinds[node.args[1].__class__] == CONSTANT and node.args[1]:
                 pending.append((node.args[0], scale / float(node.args[1]), factors))
+            elif kind == NAMED and not factors and (by_rule := sum_by_rule(node)) is not None:
+                self.named_expressions[id(node)] = node
+                self._sums.append((by_rule.repeated(), scale))
             elif kind == NAMED:
                 pending.append((self._content(node), scale, factors))
             elif kind == CONSTANT and not factors:

@@ -21,7 +21,7 @@ from pyomo.core.base.objective import Objective
 from pyomo.repn.plugins.nl_writer import TOL
 
 from pyrobocop_pyomo.errors import ModelError, SolverNotFoundError
-from pyrobocop_pyomo.modeling.rows_by_rule import RowByRule
+from pyrobocop_pyomo.modeling.rows_by_rule import RowByRule, sum_by_rule
 
 from .asl_program import ASL_REMEDY
 from .model_checks import number_in
@@ -135,8 +135,13 @@ class ModelNumbers:
             *rows,
             *map(_ACTIVE, rows),
             None if terms.objective is None else terms.objective.is_minimizing(),
-            *(named.args[0] for terms in collected for named in terms.named_expressions.values()),
+            *(_held_by(named) for terms in collected for named in terms.named_expressions.values()),
         ]
+
+
+def _held_by(named: Any) -> Any:
+    """What a named expression holds: what says it, where it follows a rule."""
+    return sum_by_rule(named) or named.args[0]
 
 
 def _row_bounds(bounds: list[Any], unbounded: float) -> tuple[FloatArray, list[tuple[int, Any]]]:

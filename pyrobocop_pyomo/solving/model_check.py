@@ -15,9 +15,10 @@ from pyomo.core.base.var import Var
 from pyrobocop_pyomo.complementarity import CanonicalPair, active_sources, canonical_form
 from pyrobocop_pyomo.modeling.expressions import ExpressionBounds
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan, relation_violation
-from pyrobocop_pyomo.modeling.rows_by_rule import RowByRule, bounds_of, content_of, rows_by_component
+from pyrobocop_pyomo.modeling.rows_by_rule import RowByRule, bounds_of, content_of, rows_by_component, sum_by_rule
+from pyrobocop_pyomo.modeling.shared_nodes import topmost_nodes
 from pyrobocop_pyomo.numerics.rounding import MET, ROUNDING
-from pyrobocop_pyomo.programs.row_values import RowValues, VariableBounds, largest_terms
+from pyrobocop_pyomo.programs.row_values import NamedSum, RowValues, VariableBounds, largest_terms
 
 from .ipopt_options import IPOPT_TOLERANCE
 from .iterates import Tolerances
@@ -53,11 +54,14 @@ class ModelCheck:
         objectives = list(model.component_data_objects(Objective, active=True))
         self.sign = -1.0 if len(objectives) == 1 and not objectives[0].is_minimizing() else 1.0
         self._objective = objectives[0].expr if len(objectives) == 1 else 0.0
+        sums = topmost_nodes([self._objective], lambda node: sum_by_rule(node) is not None)
+        self._sums = {id(part): NamedSum(part) for part in sums}
         self._bodies: RowValues | None = None
 
     def objective(self) -> float:
         """The user's objective; NaN where it has no value."""
-        return number_or_nan(self._objective)
+        known = {part: named.value() for part, named in self._sums.items()}
+        return number_or_nan(self._objective, known=known)
 
     def violated(self, tolerances: Tolerances) -> list[Violation]:
         """Constraints and bounds that do not hold within the tolerance of feasibility."""
@@ -69,16 +73,17 @@ class ModelCheck:
         outside = map(self._bounded.variables.__getitem__, bounded)
         return found + [violation_of(data, data.value, *data.bounds) for data in outside]
 
-    def violations(self) -> tuple[float, float]:
+    def violations(self, negligible: float = ROUNDING) -> tuple[float, float]:
         """Largest violation, and the largest where each is divided by the size of what it is a violation of.
 
         A row is of the size of the largest term that it adds up, and a bound of that of its variable, at the point that
-        is on the model; what is smaller than 1 counts as 1.
+        is on the model; what is smaller than 1 counts as 1. Rows are divided where one of them is violated by more than
+        is negligible.
         """
         of_rows, of_variables = self._row_violations(), self._bounded.violations()
         of_relations = [relation_violation(relation, unknown=float("inf")) for relation in self._relations]
         found = [
-            (of_rows, self._largest_relative(of_rows)),
+            (of_rows, self._largest_relative(of_rows) if of_rows.max(initial=0.0) > negligible else of_rows),
             (of_variables, of_variables / self._bounded.sizes()),
             (np.array(of_relations), np.array(of_relations)),
         ]
@@ -100,8 +105,6 @@ class ModelCheck:
 
     def _largest_relative(self, violations: NDArray[np.float64]) -> NDArray[np.float64]:
         """The violations that can be the largest ones by the sizes of their rows, divided by these."""
-        if not violations.max(initial=0.0) > ROUNDING:
-            return violations  # whatever the sizes
         # Sizes are at least 1: what is less than the relative violation of one row cannot be larger than it.
         one = self._relative(violations, np.array([violations.argmax()]))
         return self._relative(violations, np.flatnonzero(violations >= one[0]))

@@ -142,7 +142,7 @@ class Record:
         """The iterate with the residuals of the point on the model; see `add`."""
         started = time.perf_counter()
         sides = self._sides()
-        violation, relative = self.check.violations()
+        violation, relative = self.check.violations(self._settings.tolerances.feasibility)
         if np.isnan(sides).any():  # an expression without a value is infinitely far from what is required of it
             sides = np.full_like(sides, -np.inf)
         least_side = float(-sides.min(initial=0.0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from functools import partial
@@ -32,7 +33,7 @@ class FormulaRows(RowRule):
     """
 
     def __init__(self, rows: Mapping[Hashable, Any]) -> None:
-        self._bounds = {label: ConstraintData(row).to_bounded_expression()[::2] for label, row in rows.items()}
+        self._bounds = {label: _bounds_of(ConstraintData(row)) for label, row in rows.items()}
 
     @abstractmethod
     def parts(self, index: Any) -> tuple[float, Hashable]:
@@ -49,12 +50,25 @@ class FormulaRows(RowRule):
     def sums(self, block: Any, indices: list[Any]) -> list[RepeatedSum]:
         """One for each label."""
         slots, found = self.slots(block), []
+        read: dict[Any, list[Any]] = {}  # rows of several labels read the same at the same times
         for label, positions in by_label(range(len(indices)), lambda i: self.parts(indices[i])[1]).items():
             of_label = [indices[position] for position in positions]
             times = [self.parts(index)[0] for index in of_label]
-            variables = [slot.at_all(block, times) for slot in slots[label]]
+            variables = []
+            for slot in slots[label]:
+                key = (slot, *times)
+                if key not in read:
+                    read[key] = slot.at_all(block, times)
+                variables.append(read[key])
             found.append(RepeatedSum(positions, [1.0] * len(times), variables, partial(self._body_at, block, of_label)))
         return found
 
     def _body_at(self, block: Any, indices: list[Any], place: int) -> Any:
         return ConstraintData(self(block, indices[place])).body
+
+
+def _bounds_of(row: ConstraintData) -> tuple[Any, Any]:
+    """Bounds of a row as it states them, None for infinite ones; twice the same where it is an equality."""
+    stated = row.to_bounded_expression()[::2]
+    lower, upper = (None if each.__class__ is float and math.isinf(each) else each for each in stated)
+    return (lower, lower) if row.equality else (lower, upper)

@@ -1,4 +1,4 @@
-"""Rows that follow a rule are compiled from it: the program is that of the rows which Pyomo shows."""
+"""Rows and integrals that follow a rule are compiled from it: the program is that of what Pyomo shows."""
 
 import pickle
 
@@ -8,15 +8,19 @@ import pytest
 from harness.phases import one_phase
 from harness.program_values import InModelOrder, assert_same
 from pyomo.core.expr.visitor import identify_variables
+from pyomo.repn.standard_repn import generate_standard_repn
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.modeling.rows_by_rule import RowByRule
+from pyrobocop_pyomo.modeling.rows_by_rule import RowByRule, sum_by_rule
+from pyrobocop_pyomo.modeling.shared_nodes import variables_in
+from pyrobocop_pyomo.phases.equations import IntegralRule
 from pyrobocop_pyomo.phases.row_rules import CollocationRows
 from pyrobocop_pyomo.programs.compiled_model import CompiledModel
 
 HORIZONS = {
     "fixed": {"duration": 2.0},
     "uneven": {"duration": 2.0, "mesh": [0.0, 0.1, 0.5, 0.6, 2.0], "elements": None},
+    "free start": {"duration": 2.0, "start": rcp.Start(bounds=(0.0, 1.0))},
     "free": {"duration": rcp.Duration(bounds=(0.5, 3.0), initial_guess=1.5)},
     "free elements": {"duration": 2.0, "free_element_widths": (0.5, 2.0)},
     "all free": {"duration": rcp.Duration(bounds=(0.5, 3.0)), "free_element_widths": (0.5, 2.0)},
@@ -44,17 +48,23 @@ def pendulum(scheme="radau", **horizon):
 
     @p.constraint
     def limits(b, t):
-        return [b.torque[t][0] * b.rate[t] <= 20 * m.gain, pyo.inequality(-9, b.angle[t] - b.energy[t], 9)]
+        return [b.torque[t][0] * b.rate[t] <= 20 * m.gain, (-9.0, b.angle[t] - b.energy[t], m.gain * 13)]
 
     p.constraint_at_boundaries(lambda b, t: b.rate[t] ** 2 <= 30 - b.friction, name="slow")
     m.cost = pyo.Objective(
         expr=p.integral(lambda b, t: b.torque[t][0] ** 2 + b.angle[t]) + p.rate.at(p.final_time) ** 2
     )
+    way = p.integral(lambda b, t: m.gain * abs(b.rate[t]) * b.angle[t])
+    m.way = pyo.Constraint(expr=(None, way / 3 + p.friction * p.integral(lambda b, t: b.torque[t][0]), 40))
     return m
 
 
 def rows_of(m):
     return list(m.component_data_objects(pyo.Constraint, active=True))
+
+
+def integrals_of(m):
+    return list(m.p.stated_integrals.values())
 
 
 def by_rule(m):
@@ -83,9 +93,10 @@ def test_a_program_of_rules_is_the_program_of_the_rows(horizon, scheme):
     m.p.angle[m.p.points.at(2)].fix(0.4)  # a fixed variable is a number of the program
     assert by_rule(m)
     by_rules = numbers(m)
-    for row in rows_of(m):
-        row.set_value(row.expr)
+    for part in [*rows_of(m), *integrals_of(m)]:
+        part.set_value(part.expr)
     assert not by_rule(m)
+    assert not any(map(sum_by_rule, integrals_of(m)))
     assert_same_numbers(by_rules, numbers(m))
 
 
@@ -95,7 +106,8 @@ def test_copies_and_pickles_have_rows_of_their_own():
     assert len(by_rule(twin)) == len(by_rule(loaded)) == len(by_rule(m)) > 0
     for other in (twin, loaded):
         row = by_rule(other)[-1]
-        assert all(variable.model() is other for variable in identify_variables(row.expr))
+        for part in (row, integrals_of(other)[0]):
+            assert all(variable.model() is other for variable in identify_variables(part.expr))
         assert_same_numbers(numbers(other), numbers(m))
 
 
@@ -133,10 +145,21 @@ def test_a_row_that_is_not_there_is_not_made():
         m.p.slow[index]
 
 
-def test_pyomo_s_writers_see_ordinary_rows(tmp_path):
+@pytest.mark.parametrize("read", ["nl", "standard_repn", "text", "copy", "variables"])
+def test_pyomo_s_readers_see_ordinary_rows_and_integrals(read, tmp_path):
     m = pendulum()
-    m.write(str(tmp_path / "model.nl"))
-    assert all(row._expr is not None for row in by_rule(m))
+    if read == "nl":
+        m.write(str(tmp_path / "model.nl"))
+        assert all(row._expr is not None for row in by_rule(m))
+    elif read == "standard_repn":
+        nonlinear = generate_standard_repn(m.cost.expr, quadratic=False).nonlinear_vars
+        assert {v.name for v in nonlinear} == {v.name for v in identify_variables(m.cost.expr) if "angle" not in v.name}
+    elif read == "text":
+        assert m.cost.expr.to_string().count("p.torque_0") == len(m.p.points)
+    elif read == "copy":
+        assert pyo.value(m.cost.expr.clone()) == pytest.approx(pyo.value(m.cost))
+    else:
+        assert len(list(identify_variables(m.cost.expr))) == len({id(v) for v in variables_in(m.cost.expr)})
 
 
 @pytest.mark.ipopt
@@ -148,7 +171,21 @@ def test_a_solve_makes_no_row(horizon):
     assert str(result)
     assert m.p.verify(m.p.trajectory()).largest_violation < 1e-6
     made = {row.parent_component().local_name for row in rows_of(m) if row._expr is not None}
-    assert made <= {"boundary_width", "energy_of"}  # an integral is the sum that it is
+    assert made <= {"boundary_width", "energy_of", "way"}
+    assert horizon not in ("fixed", "uneven") or not sum_by_rule(integrals_of(m)[0]).is_made
+
+
+@pytest.mark.ipopt
+def test_a_solve_does_not_believe_wrong_integrals(monkeypatch):
+    sums = IntegralRule.sums
+
+    def wrong(self, block, indices):
+        found = sums(self, block, indices)
+        return [each._replace(variables=[[*of[1:], of[0]] for of in each.variables]) for each in found]
+
+    monkeypatch.setattr(IntegralRule, "sums", wrong)
+    m = pendulum()
+    assert rcp.solve(m, mesh_tolerance=None).objective == pytest.approx(pyo.value(m.cost), rel=1e-9)
 
 
 @pytest.mark.ipopt

@@ -60,8 +60,7 @@ def test_a_budget_that_is_no_factor_is_refused(exploration: Any) -> None:
         solve(mpcc_problem(EXPLORED).build(), strategies=rcp.Strategy(exploration=exploration))
 
 
-@pytest.mark.parametrize("pairs", [20, 50])
-@pytest.mark.parametrize("exploration", [None, 0.5])
+@pytest.mark.parametrize(("pairs", "exploration"), [(20, 0.5), (50, None)])
 def test_exploration_costs_no_more_than_the_solve_so_far_or_a_second(
     pairs: int, exploration: float | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -81,7 +80,7 @@ def test_as_many_linear_programs_for_eighty_pairs_as_for_a_hundred_and_twenty(mo
     slow_linear_programs(monkeypatch, longest=0.0)
     programs = count_linear_programs(monkeypatch)
     counts = {}
-    for pairs in (80, 100, 101, 120):
+    for pairs in (80, 120):
         programs.clear()
         solve(crossed_pairs(pairs), strategies=rcp.Strategy(exploration=UNLIMITED))
         counts[pairs] = len(programs)
@@ -113,11 +112,12 @@ def press_in_linear_program(monkeypatch: pytest.MonkeyPatch, number: int) -> Non
 
 
 @pytest.mark.parametrize(
-    ("name", "backend"),
-    [(name, "asl") for name in ("ralph1", "bard1", "scholtes4", EXPLORED)]
-    + [("ralph1", "vectorised"), (EXPLORED, "vectorised")],
-)
-@pytest.mark.parametrize("number", [0, 1, 3])
+    ("name", "backend", "number"),
+    [
+        ("ralph1", "asl", 0), ("bard1", "asl", 1), ("scholtes4", "asl", 3), (EXPLORED, "asl", 1),
+        ("ralph1", "vectorised", 3), (EXPLORED, "vectorised", 0),
+    ],
+)  # fmt: skip
 def test_ctrl_c_in_a_linear_program_keeps_the_point(
     name: str, number: int, backend: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -97,7 +97,7 @@ def test_the_mesh_stays_without_tolerance_and_where_it_is_fine_enough() -> None:
     assert fine.p.grid.mesh.elements == 40
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=3, deadline=None)
 @given(distance=st.floats(5.0, 40.0), limit=st.floats(0.8, 2.0), elements=st.integers(5, 20))
 @example(distance=19.0, limit=2.0, elements=5)  # the errors of one mesh on the way are larger than those before
 def test_limited_speed(distance: float, limit: float, elements: int) -> None:
@@ -106,7 +106,7 @@ def test_limited_speed(distance: float, limit: float, elements: int) -> None:
     assert result.objective == pytest.approx(distance / limit + limit, rel=1e-3)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(limit=st.floats(0.03, 1 / 6), elements=st.integers(4, 20))
 def test_a_limit_of_second_order(limit: float, elements: int) -> None:
     assert rcp.solve(bryson_denham(limit, elements=elements)).objective == pytest.approx(4 / (9 * limit), rel=1e-3)

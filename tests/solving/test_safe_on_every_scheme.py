@@ -21,8 +21,7 @@ WALL = rcp.Polytope.box(0.6, 1.0, center=(0.0, -0.3), name="wall")
 CLEARANCE = 0.05
 
 SCHEMES: list[tuple[str, int | None]] = [
-    ("implicit_euler", None), ("implicit_midpoint", None), ("radau", 1), ("radau", 2), ("radau", 3), ("gauss", 2),
-    ("gauss", 3), ("lobatto", 3), ("trapezoid", None), ("explicit_euler", None),
+    ("implicit_euler", None), ("radau", 2), ("gauss", 2), ("lobatto", 3), ("trapezoid", None), ("explicit_euler", None),
 ]  # fmt: skip
 
 
@@ -53,9 +52,8 @@ def test_every_scheme(scheme: str, stages: int | None) -> None:
     assert closest(m) >= 0.99 * CLEARANCE - 1e-9
 
 
-@pytest.mark.parametrize("moving", [None, (0.4, 2.5)])
-def test_a_free_duration_and_moving_elements(moving: tuple[float, float] | None) -> None:
-    m = build(duration=rcp.Duration(bounds=(1, 10), initial_guess=4), stages=2, free_element_widths=moving)
+def test_a_free_duration_and_moving_elements() -> None:
+    m = build(duration=rcp.Duration(bounds=(1, 10), initial_guess=4), stages=2, free_element_widths=(0.4, 2.5))
     rcp.solve(m, progress=False).raise_for_status()
     assert closest(m) >= 0.99 * CLEARANCE - 1e-9
 
