@@ -5,7 +5,7 @@ Phases that nothing joins, or not wholly: as good as several problems, of which 
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from itertools import chain, permutations
 from typing import Any
 
@@ -237,7 +237,7 @@ class _Joined:
     def __init__(self, block: Any, phases: list[Any]) -> None:
         self._phases = {id(phase): phase for phase in phases}
         self._home: dict[int, Any] = {}
-        self._parent: dict[Hashable, Hashable] = {}
+        self._groups = scipy.cluster.hierarchy.DisjointSet(self._phases)
         self._in_others: set[int] = set()  # in inequalities and pairs beside the phases
         self._equations: list[set[int]] = []
         for component in block.component_objects((Constraint, *PAIR_TYPES), active=True, descend_into=Block):
@@ -263,10 +263,12 @@ class _Joined:
         return component.local_name in record.generated_rows | {statement.name for statement in record.statements}
 
     def _unite(self, variables: Iterable[Any]) -> None:
-        roots = {self._root(self._key(variable)) for variable in variables if not variable.fixed}
-        self._parent.update(dict.fromkeys(roots, next(iter(roots), None)))
+        keys = [self._key(variable) for variable in variables if not variable.fixed]
+        for key in keys:
+            self._groups.add(key)
+            self._groups.merge(keys[0], key)
 
-    def _key(self, variable: Any) -> Hashable:
+    def _key(self, variable: Any) -> int:
         """The phase that a variable belongs to, or the variable itself."""
         component = variable.parent_component()
         if id(component) not in self._home:
@@ -275,14 +277,9 @@ class _Joined:
         home = self._home[id(component)]
         return id(variable) if home is None else home
 
-    def _root(self, key: Hashable) -> Hashable:
-        while (above := self._parent.get(key, key)) != key:
-            key = above
-        return key
-
     def are_one_group(self, first: Any, second: Any) -> bool:
         """Whether something joins two phases."""
-        return self._root(id(first)) == self._root(id(second))
+        return bool(self._groups.connected(id(first), id(second)))
 
     def open_ends(self, phase: Any, names: Iterable[str], *, first: bool) -> list[str]:
         """States that may have any value where the phase starts, or ends: an equation beside gives one of them."""

@@ -6,8 +6,6 @@ them here, and adds them when nothing can fail any more.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from typing import Any
 
 from pyomo.core.base.constraint import ConstraintData
@@ -40,22 +38,3 @@ def put_part(component: Any, index: Any, data: Any) -> None:
     """Put a part into its component."""
     data._index = index
     component._data[index] = data
-
-
-@contextmanager
-def parts_taken_off(remaining: Iterable[tuple[Any, dict[Any, Any]]]) -> Iterator[list[Any]]:
-    """Let components have fewer parts for a while, as for a copy; yields those that are off meanwhile.
-
-    Parameters
-    ----------
-    remaining : iterable of (component, dict of index to part)
-        What stays in each component.
-    """
-    held = [(component, component._data, stays) for component, stays in remaining]
-    try:
-        for component, _, stays in held:
-            component._data = stays
-        yield [part for _, parts, stays in held for index, part in parts.items() if index not in stays]
-    finally:
-        for component, parts, _ in held:
-            component._data = parts

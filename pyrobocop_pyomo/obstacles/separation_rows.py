@@ -12,8 +12,7 @@ corners that is 3 variables and v + w + 1 rows per pose (Fan, Murgovski & Liang,
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -27,7 +26,7 @@ from pyomo.core.expr.relational_expr import InequalityExpression
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, Pose
 from pyrobocop_pyomo.geometry.poses import dot, is_number
-from pyrobocop_pyomo.modeling.bulk_parts import new_row, parts_taken_off
+from pyrobocop_pyomo.modeling.bulk_parts import new_row
 from pyrobocop_pyomo.motion.motion import Motion
 from pyrobocop_pyomo.motion.rules_along_motion import (
     RuleAlongMotion,
@@ -138,26 +137,6 @@ def remove_separations(block: Any, record: AvoidanceRecord, segments: Iterable[M
     for index in removed:
         block.separations.remove(index)
         del record.segments[index]
-
-
-@contextmanager
-def members_taken_off(block: Any) -> Iterator[list[Any]]:
-    """Take the variables and rows of all separations off the block for a while, as for a copy; yields them.
-
-    What the broad phase has left out is off the record meanwhile: a copy for other times makes its own.
-    """
-    record, pruned = block.record, block.record.pruned
-    remaining = [
-        (each, {key: part for key, part in each._data.items() if not _belongs(key, record.segments)})
-        for each in block.component_map().values()
-        if each.is_indexed() and each.ctype is not Set
-    ]
-    try:
-        record.pruned = {}
-        with parts_taken_off(remaining) as taken:
-            yield taken
-    finally:
-        record.pruned = pruned
 
 
 def _belongs(key: Any, separations: Collection[SeparationIndex]) -> bool:

@@ -148,9 +148,6 @@ class Recovery:
     model : Block
         Its values are the user's initial guess.
     planning : SafePlanning
-    is_for_a_start : bool
-        Whether another mesh comes next: where the guess was led around all obstacles, that mesh is the better try than
-        a long search for another start.
 
     Attributes
     ----------
@@ -158,14 +155,15 @@ class Recovery:
         Why there is no start at all; empty where that is not known.
     """
 
-    def __init__(self, model: Any, planning: Any, *, is_for_a_start: bool = False) -> None:
+    def __init__(self, model: Any, planning: Any) -> None:
         self._model, self._planning = model, planning
         self._blocks, self._regions = avoidance_blocks(model), containments(model)
         self._initial = PlanningPoint(model)
-        self.why_no_path, self._is_for_a_start = "", is_for_a_start
+        self.why_no_path = ""
 
     def starts(self) -> Iterator[PlanStart]:
-        """Put one start after the other on the model, after `start`; whoever has a good plan stops asking."""
+        """Put one start after the other on the model; whoever has a good plan stops asking."""
+        self.start()
         provided = fitting_providers(self._model)
         may_be_led_around = all(fit.may_be_led_around for _, fit in provided)
         in_the_way = may_be_led_around and any(map(runs_into_several, self._blocks))
@@ -186,8 +184,6 @@ class Recovery:
         yield PlanStart("from the initial guess", enough if others else None)
         # Where no separation takes part, obstacles are not what makes the rest infeasible.
         if not any(block.separations for block in self._blocks):
-            return
-        if self._is_for_a_start and is_led_around and provided:
             return
         was_cut_short = self._planning.results[-1].stop_reason is StopReason.ITERATION_LIMIT
         if self.why_no_path and not was_cut_short:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -31,7 +31,7 @@ from pyrobocop_pyomo.solving.ipopt_options import NEARLY_SAFE, NEARLY_THERE, SID
 from pyrobocop_pyomo.solving.iterates import Quality, StopReason
 from pyrobocop_pyomo.solving.procedure import solve_model
 from pyrobocop_pyomo.solving.solve_result import SolveResult, with_steps_of_all
-from pyrobocop_pyomo.solving.starts import EXPLORED_ELEMENTS, coarser_copy, elements_of, take_values_of_copy
+from pyrobocop_pyomo.solving.starts import elements_of
 from pyrobocop_pyomo.solving.strategies import Settings
 
 from .mesh_loop import MeshLoop, plan_for_safety
@@ -39,9 +39,6 @@ from .recovery import PlanningPoint, PlanStart, Recovery
 
 logger = logging.getLogger(__name__)
 
-# From so many pairs of shapes in all intervals together, near and far, plans start on fewer elements: the guess is near
-# few of them, and its plan wanders among all.
-LEAST_PAIRS = 5000
 # From one start. A motion that is not safe by then passes through an obstacle between the nodes, and stays there.
 MOST_ROUNDS = 7
 # Rounds without a feasible point, one after the other, until another start is tried; and rounds until planes of which
@@ -125,11 +122,6 @@ def _is_settled(result: SolveResult) -> bool:
     return result.safety is not None and result.was_safe is not False
 
 
-def _is_near(report: SafetyReport | None) -> bool:
-    """Whether a motion is too close by its clearance at most: what margins or a finer mesh make safe."""
-    return report is not None and report.worst is not None and report.worst.shortfall <= report.worst.clearance
-
-
 class SafePlanning:
     """Rounds of solving and verifying on one model.
 
@@ -137,12 +129,9 @@ class SafePlanning:
     ----------
     model : Block
     settings : Settings
-    is_start : bool
-        Whether a plan on another mesh starts from this one: one that is nearly clear is enough then. The equations of
-        so coarse a mesh lead elsewhere than those of the user's: they are not looked at, and the mesh stays.
     """
 
-    def __init__(self, model: Any, settings: Settings, *, is_start: bool = False) -> None:
+    def __init__(self, model: Any, settings: Settings) -> None:
         self._model, self._blocks, self._regions = model, avoidance_blocks(model), containments(model)
         # Rounds in which margins alone have changed have the same program.
         self._settings = replace(settings, program=KeptProgram())
@@ -153,9 +142,8 @@ class SafePlanning:
         self._seconds_per_element = 0.0  # of the longest verification so far
         self._interrupted = False
         self._meshes = MeshLoop(model)
-        self._meshes.has_ended = is_start
         self._began = VariableValues.of_free(model)
-        self._is_start, self._recovery = is_start, Recovery(model, self, is_for_a_start=is_start)
+        self._recovery = Recovery(model, self)
 
     def plan(self) -> SolveResult:
         """Solve from one start after the other until the motion is proven to be safe; the best point is kept.
@@ -185,52 +173,12 @@ class SafePlanning:
             self._best[1].restore()
 
     def _plan(self) -> None:
-        for start in self._starts():
+        for start in self._recovery.starts():
             result = self.solve(start)
             if result.quality is not Quality.INFEASIBLE:
                 result = self._made_safe(result)
             if self._is_good_enough or not self.may_go_on(result):
                 break
-
-    def _starts(self) -> Iterator[PlanStart]:
-        """Starts on the model, one after the other: where there are many pairs, a plan on fewer elements first."""
-        if not self._is_start:
-            elements = self._put_plan_on_fewer_elements()
-            if elements:
-                yield PlanStart(f"from a plan on {elements} elements", is_near=True)
-            # Separations of a copy were made for its mesh, where it starts.
-            self._recovery.start()
-        yield from self._recovery.starts()
-
-    def _put_plan_on_fewer_elements(self) -> int:
-        """Start from a plan on a copy with fewer elements, where there are many pairs; their number, or 0.
-
-        How to get around obstacles hardly depends on the mesh, and costs many iterations; on a fine mesh each of them
-        is dear. The copy keeps the user's variables out of it.
-        """
-        pairs = sum(len(block.separations) + len(block.record.pruned) for block in self._blocks)
-        copy = coarser_copy(self._model, EXPLORED_ELEMENTS) if pairs >= LEAST_PAIRS else None
-        if copy is None:
-            return 0
-        left = self._settings.deadline.left
-        shorter = replace(self._settings, deadline=Deadline.after(None if left is None else 0.5 * left))
-        planning = SafePlanning(copy, shorter, is_start=True)
-        try:
-            plan = planning.plan()
-        except PyRobocopError as error:
-            logger.info("'%s': no start on fewer elements: %s", self._model.name, error)
-            return 0
-        found = plan.quality is not Quality.INFEASIBLE
-        if found:
-            take_values_of_copy(self._model, copy)
-        if plan.stop_reason is StopReason.INTERRUPTED:
-            raise KeyboardInterrupt
-        if not found:
-            return 0
-        self.rounds += [replace(made, purpose=f"fewer elements: {made.purpose}") for made in planning.rounds]
-        self.results += planning.results
-        self._recovery.initialize_separations()
-        return elements_of(copy)
 
     # ---------------------------------------------------------------- one round
 
@@ -242,7 +190,7 @@ class SafePlanning:
         self._began = VariableValues.of_free(self._model)
         result = solve_model(self._model, replace(self._settings, options=options, deadline=self.deadline))
         # A plan that is not feasible is not integrated: its equations do not hold.
-        equations = not self._is_start and result.quality is not Quality.INFEASIBLE
+        equations = result.quality is not Quality.INFEASIBLE
         started = time.perf_counter()
         self._reports = {block: block.verify(equations=equations) for block in (*self._blocks, *self._regions)}
         spent = time.perf_counter() - started
@@ -262,9 +210,12 @@ class SafePlanning:
 
     @property
     def _is_nearly_safe(self) -> bool:
-        """Whether the last round found a plan that is too close by its clearance at most."""
+        """Whether the last plan is too close by its clearance at most: what margins or a finer mesh make safe."""
         last = self.results[-1] if self.results else None
-        return last is not None and last.quality is not Quality.INFEASIBLE and _is_near(last.safety)
+        if last is None or last.quality is Quality.INFEASIBLE or last.safety is None:
+            return False
+        worst = last.safety.worst
+        return worst is not None and worst.shortfall <= worst.clearance
 
     def put_motion_without_obstacles(self) -> None:
         """Put the best motion without obstacles on the model, where it is found at once; else nothing changes."""
@@ -306,7 +257,7 @@ class SafePlanning:
         point, reports = VariableValues.of_free(self._model), self._reports
         for number in range(1, MOST_ROUNDS):
             report = joined_report(reports.values())
-            if report.safe is not False or (self._is_start and _is_near(report)) or not self.may_go_on(result):
+            if report.safe is not False or not self.may_go_on(result):
                 break
             finer = self._on_a_finer_mesh(result, reports)
             if finer is not None:
@@ -362,13 +313,11 @@ class SafePlanning:
 
     @property
     def _is_good_enough(self) -> bool:
-        """As safe as is known; or feasible, where only points were asked for, or another plan starts from this one."""
+        """As safe as is known; or feasible, where only points were asked for."""
         assert self._best is not None
         best = self._best[0]
         if _is_settled(best) or best.quality is Quality.INFEASIBLE:
             return _is_settled(best)
-        if self._is_start:
-            return _is_near(best.safety)
         asked = bool(self._regions) or any(block.record.per_interval for block in self._blocks)
         return not asked
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Mapping
-from contextlib import ExitStack
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,10 +12,7 @@ from pyomo.core.base.var import Var
 from pyrobocop_pyomo.diagnosis.diagnose import is_renamed
 from pyrobocop_pyomo.diagnosis.values import named_undefined_rows
 from pyrobocop_pyomo.errors import ModelError, PyRobocopError
-from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
 from pyrobocop_pyomo.modeling.variable_values import VariableValues, within_bounds
-from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
-from pyrobocop_pyomo.obstacles.separation_rows import members_taken_off
 from pyrobocop_pyomo.phases import Control, PhaseBlockData, State, phases_of
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
 from pyrobocop_pyomo.phases.remeshing import put_on_meshes, why_not_remeshed
@@ -187,7 +183,7 @@ def coarser_copy(model: Any, least: int = COARSER) -> Any | None:
     if not elements or model.model() is not model or any(why_not_remeshed(phase) is not None for phase in elements):
         return None
     try:
-        copy = _copy_for_other_times(model, elements)
+        copy = model.clone()
         put_on_meshes({copy.find_component(phase): number for phase, number in elements.items()})
     except PyRobocopError as error:
         logger.info("'%s': no copy with fewer elements: %s", model.name, error)
@@ -204,20 +200,6 @@ def elements_of_copy(model: Any, least: int) -> dict[Any, int]:
     """Of the phases that have fewer in a coarser copy."""
     elements = {phase: phase.grid.mesh.elements for phase in phases_of(model)}
     return {phase: n // COARSER for phase, n in elements.items() if n >= COARSER * least}
-
-
-def _copy_for_other_times(model: Any, phases: Iterable[Any]) -> Any:
-    """A copy without the separations over the times of phases, unless something else refers to them.
-
-    They take most of the time of a copy, and are made anew on another mesh.
-    """
-    times = {id(each) for phase in phases for each in (phase.time, phase.points)}
-    blocks = [block for block in blocks_of_kind(model, ObstacleAvoidanceBlockData) if block.stands_on(times)]
-    copied: dict[int, Any] = {}
-    with ExitStack() as stack:
-        left_out = [part for block in blocks for part in stack.enter_context(members_taken_off(block))]
-        copy = model.clone(copied)
-    return model.clone() if any(id(part) in copied for part in left_out) else copy
 
 
 def take_values_of_copy(model: Any, copy: Any) -> None:

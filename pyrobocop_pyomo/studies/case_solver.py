@@ -142,7 +142,7 @@ class CaseSolver:
             When `solve` does not have an option, or there is no Ipopt: no case can be solved.
         """
         started, deadline = time.perf_counter(), deadline.within(limit)
-        found: dict[str, Any] = {}  # what was solved stays so where reading it fails
+        found: dict[str, Any] = {"result": None}  # what was solved stays so where reading it fails
         try:
             state = self.put(case.data)
             found["result"], from_neighbour = self._solve(state, near, deadline)
@@ -154,7 +154,7 @@ class CaseSolver:
             raise
         except Exception as error:  # whatever goes wrong with one case must not lose the others
             found["error"] = f"{'read: ' if 'values' in found else ''}{type(error).__name__}: {error}"
-        return Outcome(case=case, seconds=time.perf_counter() - started, **found)
+        return Outcome.of(case, seconds=time.perf_counter() - started, **found)
 
     def _solve(
         self, state: ModelState, near: tuple[int, Values] | None, deadline: Deadline

@@ -103,7 +103,7 @@ def multistart(
         name=model.name, outcomes=ranked(found), remaining=tuple(map(int, found.remaining)), seconds=found.seconds,
         _solver=found._solver,
     )  # fmt: skip
-    if not several.outcomes or several.outcomes[0].result is None:
+    if not several.outcomes or several.outcomes[0].standing is None:
         return several
     best, *others = several.outcomes
     return replace(several, outcomes=(replace(best, result=several.load(0)), *others))

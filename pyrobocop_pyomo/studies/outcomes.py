@@ -19,19 +19,20 @@ from pyrobocop_pyomo.phases import note_outcome
 from pyrobocop_pyomo.planning.solve import solve
 from pyrobocop_pyomo.presentation import Presented, aligned
 from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason
+from pyrobocop_pyomo.solving.iterates import Standing
 
 from .sweep_cases import SweepCase, numbers_of
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Outcome(Presented):
-    """What became of one solve of a study.
+    """What became of one solve of a study, in numbers and words that a file can keep.
 
     Attributes
     ----------
     case : SweepCase
     result : SolveResult or None
-        None where building or solving raised an error.
+        None where building or solving raised an error, and where a file has kept the other attributes.
     error : str
         That error, empty otherwise.
     seconds : float
@@ -42,8 +43,18 @@ class Outcome(Presented):
         What `read` gave.
     started_from : int or None
         Number of the case whose solution led to this one; None where it was solved from the initial guess.
-    told : str or None
-        Its `reason` as a file has it.
+    standing : Standing or None
+        By which outcomes are compared; None where there is no point.
+    objective : float
+        Of a feasible point; NaN otherwise.
+    verdict : str
+        The quality in one word, or ``error``.
+    certificate : str
+        In one word; empty where there is no point.
+    iterations : int
+        Of Ipopt, in all runs of this solve.
+    reason : str
+        Why there is no feasible point, why it is no solution, or what its mesh makes doubtful; else empty.
     """
 
     case: SweepCase
@@ -53,7 +64,30 @@ class Outcome(Presented):
     values: Values = field(default_factory=list, repr=False)
     numbers: Mapping[str, Any] = field(default_factory=dict)
     started_from: int | None = None
-    told: str | None = field(default=None, repr=False)
+    standing: Standing | None = None
+    objective: float = math.nan
+    verdict: str = "error"
+    certificate: str = ""
+    iterations: int = 0
+    reason: str = ""
+
+    @classmethod
+    def of(cls, case: SweepCase, result: SolveResult | None, error: str = "", **kept: Any) -> Outcome:
+        """The outcome of a case whose solve gave a result, or an error."""
+        if result is None:
+            return cls(case=case, error=error, reason=error, **kept)
+        return cls(
+            case=case,
+            result=result,
+            error=error,
+            standing=result.standing,
+            objective=math.nan if result.quality is Quality.INFEASIBLE else result.objective,
+            verdict=result.quality.name.lower(),
+            certificate=result.certificate.name.lower(),
+            iterations=result.iterations,
+            reason=_reason(result),
+            **kept,
+        )
 
     @property
     def name(self) -> str:
@@ -63,49 +97,12 @@ class Outcome(Presented):
     @property
     def feasible(self) -> bool:
         """True when the point is feasible, whether it is shown to be optimal or not."""
-        return self.result is not None and self.result.quality is not Quality.INFEASIBLE
-
-    @property
-    def objective(self) -> float:
-        """Objective of a feasible point; NaN otherwise."""
-        return self.result.objective if self.result is not None and self.feasible else math.nan
-
-    @property
-    def iterations(self) -> int:
-        """Ipopt's iterations in all runs of this solve."""
-        return 0 if self.result is None else self.result.iterations
-
-    @property
-    def verdict(self) -> str:
-        """The quality in one word, or ``error``."""
-        return "error" if self.result is None else self.result.quality.name.lower()
-
-    @property
-    def certificate(self) -> str:
-        """The certificate in one word; empty where there is no result."""
-        return "" if self.result is None else self.result.certificate.name.lower()
+        return self.standing is not None and self.verdict != Quality.INFEASIBLE.name.lower()
 
     @property
     def solved(self) -> bool:
         """True when the point is optimal and, where there are obstacles, the motion is clear of them."""
-        # What a file keeps of a result has no report of its safety.
-        return self.result is not None and self.result.solved and self.result.standing.shortfall == 0.0
-
-    @property
-    def reason(self) -> str:
-        """Why there is no feasible point, why it is no solution, or what its mesh makes doubtful; else empty."""
-        if self.told is not None:
-            return self.told
-        if self.result is None:
-            return self.error
-        stopped, mesh = self.result.stop_reason, self.result.errors_of_answer
-        if self.result.quality is not Quality.OPTIMAL:
-            return self.result.quality.value if stopped is StopReason.FINISHED else stopped.value
-        if not self.solved:
-            return "The motion is not proven to be safe."
-        if mesh.is_large:
-            return f"COARSE MESH: {mesh.sentence()}; take more elements"
-        return "" if mesh.is_known else mesh.in_short()
+        return self.verdict == Quality.OPTIMAL.name.lower() and _is_safe(self.standing)
 
     @property
     def cut_short(self) -> bool:
@@ -124,18 +121,33 @@ class Outcome(Presented):
         }
 
     def _summary(self) -> str:
-        return self.reason if self.result is None else self.result.one_line()
+        return self.reason or self.verdict if self.result is None else self.result.one_line()
+
+
+def _is_safe(standing: Standing | None) -> bool:
+    return standing is not None and standing.shortfall == 0.0
+
+
+def _reason(result: SolveResult) -> str:
+    stopped, mesh = result.stop_reason, result.errors_of_answer
+    if result.quality is not Quality.OPTIMAL:
+        return result.quality.value if stopped is StopReason.FINISHED else stopped.value
+    if not _is_safe(result.standing):
+        return "The motion is not proven to be safe."
+    if mesh.is_large:
+        return f"COARSE MESH: {mesh.sentence()}; take more elements"
+    return "" if mesh.is_known else mesh.in_short()
 
 
 def ranked(outcomes: Iterable[Outcome]) -> tuple[Outcome, ...]:
-    """The best first, by `Standing`; equally good ones as they came; those without a result last."""
+    """The best first, by `Standing`; equally good ones as they came; those without a point last."""
 
     def compare(one: Outcome, other: Outcome) -> int:
-        if one.result is None or other.result is None:
-            return (one.result is None) - (other.result is None)
-        if one.result.standing.is_better_than(other.result.standing):
+        if one.standing is None or other.standing is None:
+            return (one.standing is None) - (other.standing is None)
+        if one.standing.is_better_than(other.standing):
             return -1
-        return int(other.result.standing.is_better_than(one.result.standing))
+        return int(other.standing.is_better_than(one.standing))
 
     return tuple(sorted(outcomes, key=cmp_to_key(compare)))
 
@@ -188,7 +200,7 @@ class StudyResult(Presented, Sequence[Outcome]):
             When no outcome has a point.
         """
         order = self._best_first()
-        if order and order[0].result is not None:
+        if order and order[0].standing is not None:
             return order[0]
         why = self.outcomes[-1].reason if self.outcomes else "Nothing was tried."
         raise SolveFailed(f"'{self.name}': no case could be solved. {why}", self)
@@ -200,11 +212,14 @@ class StudyResult(Presented, Sequence[Outcome]):
         Raises
         ------
         SolveFailed
-            When no outcome has a point.
+            When no outcome has a point, or a file has kept the numbers of the best one alone.
         """
-        found = self.best.result
-        assert found is not None
-        return found
+        best = self.best
+        if best.result is None:
+            raise SolveFailed(
+                f"'{self.name}': the file has no result of case {best.case.number}; load it, and solve the model.", self
+            )
+        return best.result
 
     @property
     def reached(self) -> bool:
@@ -231,15 +246,16 @@ class StudyResult(Presented, Sequence[Outcome]):
         """
         if self.reached:
             return
-        self.result.raise_for_status()
+        if self.best.result is not None:
+            self.best.result.raise_for_status()
         first = f" The first is {self.failed[0].name}: {self.failed[0].reason}" if self.failed else ""
         raise SolveFailed(
             f"'{self.name}': {len(self.failed)} cases were not solved, {len(self.remaining)} not tried.{first}",
             self,
         )
 
-    def load(self, place: int) -> SolveResult:
-        """Put the data and the point of an outcome on the model, and return its result.
+    def load(self, place: int) -> SolveResult | None:
+        """Put the data and the point of an outcome on the model, and return its result; None where a file has none.
 
         Parameters
         ----------
@@ -253,11 +269,13 @@ class StudyResult(Presented, Sequence[Outcome]):
         """
         chosen = self.outcomes[place]
         result, number = chosen.result, chosen.case.number
-        if result is None:
+        if chosen.standing is None:
             raise SolveFailed(f"'{self.name}': case {number} has no point. {chosen.reason}", self)
         if self._solver is None:
             raise SolveFailed(f"'{self.name}': a builder makes the model of case {number}; build it again.", self)
         self._solver.put(chosen.case.data).write(chosen.values)
+        if result is None:
+            return None
         model = self._solver.model
         note_outcome(model, result.outcome)
         blocks = [*avoidance_blocks(model), *containments(model)]

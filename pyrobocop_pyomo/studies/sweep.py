@@ -11,7 +11,7 @@ import time
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -26,10 +26,9 @@ from pyrobocop_pyomo.ipopt.backends import best_backend
 from pyrobocop_pyomo.modeling.deadline import Deadline
 from pyrobocop_pyomo.modeling.rule_slips import takes_arguments
 from pyrobocop_pyomo.modeling.variable_values import Values
-from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.presentation.progress import Progress
-from pyrobocop_pyomo.solving import Quality, SolveResult, StopReason
-from pyrobocop_pyomo.solving.iterates import Iterate, Standing
+from pyrobocop_pyomo.solving import Quality, StopReason
+from pyrobocop_pyomo.solving.iterates import Standing
 
 from .case_solver import CaseSolver, Put, Read
 from .outcomes import Outcome, StudyResult
@@ -38,7 +37,7 @@ from .sweep_cases import SweepCase, doubts_on_cases, read_cases, starting_cases
 # --------------------------------------------------------------------------------------------------- outcomes in a file
 
 
-_HEAD = {"kind": "outcomes of a sweep", "format": 3}
+_HEAD = {"kind": "outcomes of a sweep", "format": 4}
 
 
 class OutcomeFile:
@@ -80,7 +79,7 @@ class OutcomeFile:
         whole = content.rfind(b"\n") + 1
         try:
             found, *lines = map(_facts_of, content[:whole].splitlines())
-            self.records = {line["key"]: line for line in lines}
+            self.records = {line.pop("key"): line for line in lines}
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise TeamError(
                 f"{self._path}: no outcomes of a sweep can be read from it ({error}). Name another file, or remove it."
@@ -121,52 +120,15 @@ def _facts_of(line: bytes) -> dict[str, Any]:
     return facts
 
 
-_OF_OUTCOME = ("error", "seconds", "numbers", "started_from", "values")
-_WORDS = {"stop_reason": StopReason, "quality": Quality, "certificate": Certificate}
-
-
 def outcome_to_json(outcome: Outcome) -> dict[str, Any]:
-    """What a file keeps of an outcome: of its result numbers and words, without steps, pairs and multipliers."""
-    result = outcome.result
-    return {
-        "name": outcome.name,
-        "told": outcome.reason,
-        **{name: getattr(outcome, name) for name in _OF_OUTCOME},
-        "result": result
-        and {
-            **_plain(result),
-            "iterations": result.iterations,
-            "best": _plain(result.best),
-            "standing": _plain(result.standing),
-        },
-    }
+    """What a file keeps of an outcome: its numbers and words."""
+    kept = {each.name: getattr(outcome, each.name) for each in fields(outcome) if each.name not in ("case", "result")}
+    return {**kept, "standing": outcome.standing and asdict(outcome.standing)}
 
 
 def outcome_from_json(case: SweepCase, facts: Mapping[str, Any]) -> Outcome:
-    """The outcome of a case again; one step stands for all of its result."""
-    kept = {name: facts[name] for name in (*_OF_OUTCOME, "told")}
-    if facts["result"] is None:
-        return Outcome(case=case, **kept)
-    of_result, best = _with_words(facts["result"]), _with_words(facts["result"]["best"])
-    standing, iterations = Standing(**of_result.pop("standing")), of_result.pop("iterations")
-    steps = [Iterate("all steps", iterations=iterations, seconds=of_result["seconds"])]
-    further = {"residuals": [], "steps": steps, "standing": standing, "multipliers": None}
-    return Outcome(case=case, result=SolveResult(**{**of_result, **further, "best": Iterate(**best)}), **kept)
-
-
-def _plain(record: Any) -> dict[str, Any]:
-    """The fields of a dataclass that are words and numbers; of an enumeration the name."""
-    found = ((each.name, getattr(record, each.name)) for each in fields(record))
-    return {
-        name: field.name if name in _WORDS else field
-        for name, field in found
-        if name in _WORDS or isinstance(field, (bool, int, float, str))
-    }
-
-
-def _with_words(facts: Mapping[str, Any]) -> dict[str, Any]:
-    """The same fields, with members of enumerations."""
-    return {name: _WORDS[name][field] if name in _WORDS else field for name, field in facts.items()}
+    """The outcome of a case again, without its result."""
+    return Outcome(case=case, **{**facts, "standing": facts["standing"] and Standing(**facts["standing"])})
 
 
 # ---------------------------------------------------------------------------------------------------------------- sweep
@@ -322,7 +284,7 @@ class _Sweep:
         parent = self.parents[number]
         while parent is not None:
             outcome = self.done.get(parent)
-            if outcome is not None and outcome.result is not None and outcome.result.quality is Quality.OPTIMAL:
+            if outcome is not None and outcome.verdict == Quality.OPTIMAL.name.lower():
                 return parent, outcome.values
             parent = self.parents[parent]
         return None
@@ -339,7 +301,7 @@ class _Sweep:
 
     def take(self, number: int, outcome: Outcome | None) -> list[Task] | None:
         """Keep an outcome."""
-        outcome = outcome or Outcome(case=self.cases[number], error=GIVEN_UP)
+        outcome = outcome or Outcome.of(self.cases[number], None, GIVEN_UP)
         self.done[outcome.case.number] = outcome
         interrupted = outcome.result is not None and outcome.result.stop_reason is StopReason.INTERRUPTED
         # What Ctrl-C or the end of the time cut short is solved again by a sweep that goes on.

@@ -23,7 +23,7 @@ pytestmark = pytest.mark.ipopt
 
 def shown(result: Any) -> list[str]:
     """All places where a result is shown in short."""
-    outcome = Outcome(case=SweepCase(0, "alone", None), result=result)
+    outcome = Outcome.of(SweepCase(0, "alone", None), result)
     return [
         str(result).splitlines()[0],
         repr(result),

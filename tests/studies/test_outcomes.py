@@ -67,6 +67,6 @@ def test_the_table_and_the_frame_have_a_row_per_outcome(study: StudyResult) -> N
 def test_what_a_file_has_of_a_motion_that_is_not_safe_is_not_solved() -> None:
     result = rcp.solve(build())
     unsafe = replace(result, safety=report_of_a_collision(), standing=replace(result.standing, shortfall=1.0))
-    outcome = Outcome(case=SweepCase(0, "near", {"goal": 1.0}), result=unsafe)
+    outcome = Outcome.of(SweepCase(0, "near", {"goal": 1.0}), unsafe)
     again = outcome_from_json(outcome.case, json.loads(json.dumps(outcome_to_json(outcome))))
     assert (again.solved, again.reason) == (outcome.solved, outcome.reason) == (False, outcome.reason)

@@ -243,7 +243,7 @@ def test_a_sweep_goes_on_behind_what_is_in_its_file(tmp_path: Path) -> None:
     for one, other in zip(second, whole, strict=True):
         assert (one.objective, one.numbers, one.values) == (other.objective, other.numbers, other.values)
         assert (one.iterations, one.verdict, one.certificate) == (other.iterations, other.verdict, other.certificate)
-        assert one.result.standing == other.result.standing
+        assert one.standing == other.standing
     assert second.reached
     third = rcp.sweep(spring(), cases, read=numbers, file=file)
     assert str(third) == str(second)

@@ -195,12 +195,11 @@ IN_VAIN = SimpleNamespace(
 )
 
 
-@pytest.mark.parametrize("is_for_a_start", [True, False])
-def test_no_path_is_searched_twice_in_vain(is_for_a_start: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Not farther from obstacles where there is none near them, and not for a start that another mesh improves."""
+def test_no_path_is_searched_twice_in_vain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not farther from obstacles where there is none near them."""
     m = scattered("unicycle", 6, 100, 20)
     m.move.avoid.initialize()
-    recovery = Recovery(m, IN_VAIN, is_for_a_start=is_for_a_start)
+    recovery = Recovery(m, IN_VAIN)
     searched: list[float] = []
 
     def in_vain(*_: Any, clearance: float, **__: Any) -> None:
@@ -209,5 +208,5 @@ def test_no_path_is_searched_twice_in_vain(is_for_a_start: bool, monkeypatch: py
 
     monkeypatch.setattr("pyrobocop_pyomo.contrib.vehicles.recognised_car.staged_search", in_vain)
     count = sum(1 for _ in itertools.islice(recovery.starts(), 3))
-    assert count == (2 if is_for_a_start else 3)
-    assert len(searched) == (0 if is_for_a_start else 1)
+    assert count == 3
+    assert len(searched) == 1
