@@ -20,6 +20,7 @@ from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES
 from pyrobocop_pyomo.modeling.in_place_changes import expressions_of
+from pyrobocop_pyomo.modeling.rows_by_rule import RowByRule, sums_of
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in, variables_in_any
 from pyrobocop_pyomo.numerics import Grid
 
@@ -53,9 +54,8 @@ class Discretisation:
         The variables that have a value at every time of the grid.
     derivatives : list of (Var, Var)
         Each state with the variable that is its derivative.
-    rows : ComponentMap
-        From each derivative to its collocation rows; for schemes whose last stage is not the end, also to those at
-        element ends.
+    homes : ComponentMap
+        From each derivative to the generated block for its rows.
     """
 
     domain: Any
@@ -69,7 +69,7 @@ class Discretisation:
     substitutions: Any = field(default_factory=ComponentMap)
     states: list[Any] = field(default_factory=list)
     derivatives: list[tuple[Any, Any]] = field(default_factory=list)
-    rows: Any = field(default_factory=ComponentMap)
+    homes: Any = field(default_factory=ComponentMap)
 
     def state_ids(self) -> set[int]:
         """The ids of all variables that have a value at every time of the set."""
@@ -252,32 +252,48 @@ def _without(index: Any, axes: tuple[Axis, ...], domain: Any) -> Any:
     return next((axis.others(index) for axis in axes if axis.domain is domain), index)
 
 
-def row_variables(rows: Iterable[Any], derivatives: Collection[int]) -> tuple[dict[int, tuple[Any, Any]], set[int]]:
+def row_variables(rows: Iterable[Any], derivatives: Collection[int]) -> tuple[dict[int, Any], set[int]]:
     """Walk over rows, objectives or named expressions, all at once.
 
     Parameters
     ----------
     rows : iterable of component data
+        Of those that follow a rule, which says the same of all of them, the first one is looked at.
     derivatives : collection of int
         Ids of the variables that may be said explicitly.
 
     Returns
     -------
-    dict of id to (row, expression)
-        From a derivative that a row says explicitly, ``dx[t] == f``, to that row and ``f``.
+    dict of id to row
+        From a derivative that a row says explicitly, ``dx[t] == f``, to that row.
     set of int
         Ids of all variables that the rows hold otherwise.
     """
-    given: dict[int, tuple[Any, Any]] = {}
+    rows = list(rows)
+    given: dict[int, Any] = {}
+    held: set[int] = set()
+    for repeated in sums_of(rows):
+        first, otherwise = row_variables([rows[repeated.rows[0]].made()], derivatives)
+        for leaves in repeated.variables:
+            if id(leaves[0]) in first:
+                given |= {id(leaf): rows[i] for i, leaf in zip(repeated.rows, leaves, strict=True)}
+            if id(leaves[0]) in otherwise:
+                held.update(map(id, leaves))
     others: list[Any] = []
     for data in rows:
-        expression = data.expr
+        expression = None if data.__class__ is RowByRule else data.expr
         if isinstance(expression, EqualityExpression):
             left, right = expression.args
             if id(left) not in derivatives:
                 left, right = right, left
             if id(left) in derivatives and id(left) not in given:
-                given[id(left)] = (data, right)
+                given[id(left)] = data
                 expression = right
         others.append(expression)
-    return given, set(variables_in_any(others))
+    return given, held.union(variables_in_any(others))
+
+
+def other_side(equation: Any, side: Any) -> Any:
+    """What an equation says that one of its sides is."""
+    left, right = equation.args
+    return right if left is side else left

@@ -3,21 +3,15 @@
 from .collocation_rows import (
     can_step,
     collocation_row,
-    collocation_rows,
     collocation_sums,
-    continuity_rows,
-    place_of,
+    continuity_row,
     quadrature,
-    row_times,
 )
 
 __all__ = [
     "can_step",
     "collocation_row",
-    "collocation_rows",
     "collocation_sums",
-    "continuity_rows",
-    "place_of",
+    "continuity_row",
     "quadrature",
-    "row_times",
 ]
