@@ -68,7 +68,6 @@ def derivatives_along(spots: list[Spot], domain: Any) -> list[tuple[Any, dict[in
 def add_collocation(discretisation: Discretisation, spots: list[Spot]) -> None:
     """Add what holds the rows of every derivative along a set, beside the derivative; `write_rows` fills it."""
     homes: dict[int, Any] = {}
-    discretisation.states.clear()
     for variable, by_order in derivatives_along(spots, discretisation.domain):
         levels = [variable]
         for order in range(1, max(by_order) + 1):
@@ -76,7 +75,6 @@ def add_collocation(discretisation: Discretisation, spots: list[Spot]) -> None:
             home = _home(discretisation, nearest.parent_block(), homes)
             levels.append(by_order[order] if order in by_order else _between(home, variable, nearest, order))
             discretisation.homes[levels[-1]] = home
-            discretisation.states.append(levels[-2])
             discretisation.derivatives.append((levels[-2], levels[-1]))
 
 

@@ -32,7 +32,6 @@ from pyrobocop_pyomo.transcription import quadrature
 
 from .derivatives import (
     add_collocation,
-    derivatives_along,
     remove_collocation,
     substitute_derivatives,
     write_rows,
@@ -211,9 +210,9 @@ def discretise(domain: Any, points: tuple[float, ...], grid: Grid) -> Discretisa
         )
         expand(found, domain, points)
         found = list(spots(root))
+        add_collocation(discretisation, found)
         _inherit(found, discretisation)
         discretisations_beside(domain)[domain] = discretisation
-        add_collocation(discretisation, found)
         for integral in integrals_along(found, domain):
             integrate(integral, discretisation)
         for possible_sum in possible_sums:
@@ -293,11 +292,6 @@ def undo_discretisation(discretisation: Discretisation) -> None:
 
 def _inherit(found: list[Spot], discretisation: Discretisation) -> None:
     old, points = set(discretisation.points), frozenset(discretisation.grid.points)
-    discretisation.states = [
-        state
-        for variable, by_order in derivatives_along(found, discretisation.domain)
-        for state in (variable, *(by_order[order] for order in by_order if order < max(by_order)))
-    ]
     for _, is_state, along in families(found, discretisation):
         component = next(iter(along.values())).parent_component()
         is_in_blocks = axis_on(component, discretisation.domain) is None

@@ -169,7 +169,7 @@ class HoldingRows:
                 self._deactivate(data)
             elif not self._is_unsettled(data, time, variables):
                 self.used |= variables.keys()
-                if data.ctype is Constraint and data.equality:
+                if data.equality:
                     self._held.append(data)
             elif data.equality:
                 pending.append((data, self._unknowns(variables, time)))
@@ -187,7 +187,7 @@ class HoldingRows:
         if data.ctype in PAIRS:
             return True
         decided = self.candidates.keys() | self._conditions
-        is_equation_inside = data.ctype is Constraint and data.equality and not self.is_first(time)
+        is_equation_inside = data.equality and not self.is_first(time)
         return is_equation_inside and decided.isdisjoint(variables) and family in self._families
 
     def _is_unsettled(self, data: Any, time: float, variables: dict[int, Any]) -> bool:
@@ -196,8 +196,6 @@ class HoldingRows:
         These are rows with candidates for a value, and equations at the first point that may be one too many: those
         with a variable that the user has fixed there.
         """
-        if data.ctype is not Constraint:
-            return False
         may_be_surplus = data.equality and self.is_first(time) and not self._conditions.isdisjoint(variables)
         return may_be_surplus or not self.candidates.keys().isdisjoint(variables)
 

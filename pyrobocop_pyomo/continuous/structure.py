@@ -50,8 +50,6 @@ class Discretisation:
         What integrals were before.
     substitutions : ComponentMap
         From each derivative that an expression replaces to this.
-    states : list of Var
-        The variables that have a value at every time of the grid.
     derivatives : list of (Var, Var)
         Each state with the variable that is its derivative.
     homes : ComponentMap
@@ -67,9 +65,13 @@ class Discretisation:
     shown: list[tuple[Any, Any, tuple[Any, ...]]] = field(default_factory=list)
     formulas: list[tuple[Any, Any]] = field(default_factory=list)
     substitutions: Any = field(default_factory=ComponentMap)
-    states: list[Any] = field(default_factory=list)
     derivatives: list[tuple[Any, Any]] = field(default_factory=list)
     homes: Any = field(default_factory=ComponentMap)
+
+    @property
+    def states(self) -> list[Any]:
+        """The variables that have a value at every time of the grid."""
+        return [state for state, _ in self.derivatives]
 
     def state_ids(self) -> set[int]:
         """The ids of all variables that have a value at every time of the set."""
