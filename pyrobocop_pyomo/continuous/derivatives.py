@@ -35,7 +35,7 @@ from pyrobocop_pyomo.templates.formula_rows import by_label
 from pyrobocop_pyomo.templates.template import same_results
 from pyrobocop_pyomo.transcription import collocation_row, collocation_sums, continuity_row
 
-from .rows_along import RowsAlong
+from .expansion import RowsAlong
 from .structure import (
     PAIRS,
     Axis,

@@ -26,7 +26,7 @@ from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_scalar
 from pyrobocop_pyomo.modeling.failures import failures_as, undone_on_failure
-from pyrobocop_pyomo.modeling.shared_nodes import NodesOnce, variables_in, variables_in_any, variables_read
+from pyrobocop_pyomo.modeling.shared_nodes import NodesOnce, variables_in_any, variables_read
 from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.transcription import quadrature
 
@@ -96,8 +96,7 @@ def find_possible_sums(spots: list[Spot], domain: Any) -> list[tuple[Any, Any]]:
         around = {time for outer, time in spot.outer if outer is domain}
         for index, data in spot.component.items():
             own = around if axis is None else {axis.time(index)}
-            read = map(id, variables_in(data.expr, leaves))
-            times = {place[variable][1] for variable in read if variable in place}
+            times = {place[key][1] for key in variables_in_any([data.expr], leaves) if key in place}
             if len(times | own) < 2:
                 continue
             rule = rule_of(spot.component)

@@ -13,6 +13,7 @@ from pyomo.core.expr.numvalue import native_numeric_types, value
 
 from pyrobocop_pyomo.errors import EvaluationError, FunctionError
 
+from .expression_arrays import ArrayEntry, plain_entry
 from .expressions import is_indexed_component
 
 logger = logging.getLogger(__name__)
@@ -152,20 +153,18 @@ class Function:
             node = ExternalFunctionExpression if variable else NPV_ExternalFunctionExpression
             results = [node(flat, output) for output in self._outputs]
         if wrapped:
-            results = [wrapped[0].entry_of(result) for result in results]
+            results = list(map(ArrayEntry, results))
         return results[0] if self._single else results
 
     def _flattened(self, arguments: Iterable[Any], wrapped: list[Any]) -> Iterable[Any]:
         for argument in arguments:
-            if getattr(type(argument), "is_array_entry", False):
-                wrapped.append(argument)
-                argument = argument.expression
             if isinstance(argument, np.ndarray) and argument.ndim == 0:
                 argument = argument.item()
+            if isinstance(argument, ArrayEntry):
+                wrapped.append(argument)
+            argument = plain_entry(argument)
             if argument.__class__ in native_numeric_types:
                 yield argument
-            elif isinstance(argument, (np.floating, np.integer)):
-                yield argument.item()
             elif is_indexed_component(argument):
                 raise FunctionError(
                     f"'{self.name}': the input '{argument.name}' is indexed. Give one of its items: is [t] missing?"
@@ -364,20 +363,6 @@ class FunctionOutput:
         arrays = np.broadcast_arrays(*(np.asarray(argument, dtype=float) for argument in arguments))
         points = np.stack([array.ravel() for array in arrays], axis=1)
         return np.asarray(self.function.values(points)[:, self.index].reshape(arrays[0].shape))
-
-    def evaluate_fgh(
-        self, args: Iterable[Any], fixed: Sequence[bool] | None = None, fgh: int = 2
-    ) -> tuple[float, list[float] | None, list[float] | None]:
-        """Value, gradient and the Hessian's upper triangle by columns, as Pyomo's external functions give them."""
-        point = np.array([[value(argument) for argument in args]], dtype=float)
-        free = np.ones(point.shape[1]) if fixed is None else 1.0 - np.asarray(fixed, dtype=float)
-        gradient = hessian = None
-        if fgh >= 1:
-            gradient = (self.function.jacobians(point)[0, self.index] * free).tolist()
-        if fgh >= 2:
-            full = self.function.hessians(point)[0, self.index] * np.outer(free, free)
-            hessian = full.T[np.tril_indices(free.size)].tolist()
-        return self.evaluate(point[0].tolist()), gradient, hessian
 
     @property
     def _function(self) -> str:

@@ -18,10 +18,8 @@ from pyomo.core.expr.relational_expr import RelationalExpression
 from .shared_nodes import NodesOnce, shared_value, variables_in
 
 
-def number_or_nan(expression: Any, without: float = math.nan) -> float:
-    """Value of an expression; NaN where it has none or is no real number, `without` for None."""
-    if expression is None:
-        return without
+def number_or_nan(expression: Any) -> float:
+    """Value of an expression; NaN where it has none or is no real number."""
     try:
         number = shared_value(expression, exception=False)
         return math.nan if number is None or isinstance(number, complex) else float(number)

@@ -106,14 +106,6 @@ def test_numbers_without_units_are_what_a_function_takes_and_gives() -> None:
         assert_units_consistent(m)
 
 
-def test_pyomo_differentiates_a_call() -> None:
-    m = model()
-    found = LIFT(m.v, m.a)._fcn.evaluate_fgh([2.0, 0.5], fixed=[False, True])
-    assert found[0] == pytest.approx(2 * np.sin(0.5))
-    assert found[1] == pytest.approx([np.sin(0.5), 0.0])
-    assert found[2] == pytest.approx([0.0, 0.0, 0.0])
-
-
 @given(st.lists(st.tuples(st.floats(-3, 3), st.floats(-3, 3)), min_size=1, max_size=4))
 @example([(0.0, 5e-324)])
 @settings(max_examples=30)

@@ -117,7 +117,6 @@ def test_violations_of_rows_and_of_bounds() -> None:
     assert math.isnan(largest_violation([m.c, m.e, m.d]))
     assert bound_violation(float("nan"), None, None) == math.inf
     assert math.isnan(number_or_nan((-1.0 * m.x[1]) ** 0.5))
-    assert number_or_nan(None, without=4.0) == 4.0
 
 
 def test_the_active_phases_of_a_model_wherever_they_are() -> None:
