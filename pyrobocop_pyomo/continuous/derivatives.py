@@ -142,7 +142,7 @@ class LineRows(RowRule):
         stages = zip(grid.stage_times[element], grid.scheme.F[row].tolist(), strict=True)
         rates = {stage: self._rate[self._axis.join(others, stage)] for stage, weight in stages if weight != 0.0}
         if self._rate.ctype is Expression:
-            rates = {stage: side.content for stage, side in rates.items()}
+            rates = {stage: side.args[0] for stage, side in rates.items()}
         return collocation_row(states, rates, grid, element, row, self._widths[element])
 
     def write(self, rows: Any, others: Any) -> None:
@@ -167,7 +167,7 @@ class LineRows(RowRule):
         ((rule, label),) = sources
         first_points = {time: side for time, side in line.items() if side.source is None}
         alike = all(
-            same_results(other_side(rule.at(time, label), side.derivative), side.content)
+            same_results(other_side(rule.at(time, label), side.derivative), side.args[0])
             for time, side in first_points.items()
         )
         return (rule, label) if alike else None
@@ -297,18 +297,11 @@ class RightHandSide(ExpressionData):
             derivative.stale = True
 
     @property
-    def content(self) -> Any:
-        """The right-hand side; where a rule says it, it is made each time."""
-        if self.source is None:
-            return super().args[0]
-        rule, label = self.source
-        return other_side(rule.at(rule.parts(self._row.index())[0], label), self.derivative)
-
-    @property
     def args(self) -> Any:
         """The right-hand side, which is made where a rule says it."""
         if super().args[0] is None:
-            self.set_value(self.content)
+            rule, label = self.source
+            self.set_value(other_side(rule.at(rule.parts(self._row.index())[0], label), self.derivative))
         return super().args
 
     @property
