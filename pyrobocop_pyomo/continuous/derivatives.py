@@ -43,11 +43,9 @@ from .structure import (
     Spot,
     axes_of,
     axis_on,
-    continuous_sets,
     open_sets,
     other_side,
     row_variables,
-    variables_of_row,
 )
 
 
@@ -221,7 +219,7 @@ def _widths(state: Any, rate: Any, grid: Grid) -> list[Any]:
 
 def substitute_derivatives(discretisation: Discretisation, found: list[Spot]) -> None:
     """Replace all derivatives that are given explicitly."""
-    open_ids, states = open_sets(continuous_sets(found)), discretisation.state_ids()
+    open_ids, states = open_sets(found), discretisation.state_ids()
     candidates = {
         id(data): data
         for _, derivative in discretisation.derivatives
@@ -249,9 +247,6 @@ def _explicit_rows(found: list[Spot], candidates: dict[int, Any]) -> dict[int, A
             continue
         unconditional = not any(block.ctype is Disjunct for block in enclosing_blocks(component))
         parts = [data for data in component.values() if component.ctype is Expression or data.active]
-        if component.ctype in PAIRS:
-            elsewhere.update(id(variable) for data in parts for variable in variables_of_row(data))
-            continue
         given, otherwise = row_variables(parts, candidates)
         elsewhere |= otherwise
         for key, row in given.items():
@@ -287,7 +282,8 @@ class RightHandSide(ExpressionData):
     __slots__ = ("_row", "derivative", "source")
 
     def __init__(self, component: Any, derivative: Any, row: Any) -> None:
-        self.derivative, self._row, self.source = derivative, row, None
+        self.derivative, self._row = derivative, row
+        self.source: Any = None  # the rule that says it, and the label of its row there
         if row.__class__ is RowByRule:
             rule: RowsAlong = row.parent_component().rule_of_rows
             self.source = rule, rule.parts(row.index())[1]

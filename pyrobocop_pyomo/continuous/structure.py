@@ -5,7 +5,7 @@ Records of how the continuous sets of a model were discretised.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -100,11 +100,11 @@ def discretisations_of(domains: Any) -> Iterator[Discretisation]:
             yield discretisation
 
 
-def open_sets(domains: Any) -> set[int]:
-    """The ids of those continuous sets that nothing has discretised yet."""
+def open_sets(found: list[Spot]) -> set[int]:
+    """The ids of those continuous sets among components that nothing has discretised yet."""
     return {
         id(domain)
-        for domain in domains
+        for domain in continuous_sets(found)
         if discretisation_of(domain) is None and "scheme" not in domain.get_discretization_info()
     }
 
@@ -243,9 +243,14 @@ def label(family: tuple[Any, ...]) -> str:
     return ".".join(parts)
 
 
+def _expressions_in(data: Any) -> Sequence[Any]:
+    """The expressions of a row, an objective or a pair."""
+    return (data._args or ()) if data.ctype is MpecComplementarity else expressions_of(data)
+
+
 def variables_of_row(data: Any) -> Iterable[Any]:
     """Every variable of a row, an objective, an expression or a pair."""
-    for side in (data._args or ()) if data.ctype is MpecComplementarity else expressions_of(data):
+    for side in _expressions_in(data):
         yield from variables_in(side)
 
 
@@ -255,7 +260,7 @@ def _without(index: Any, axes: tuple[Axis, ...], domain: Any) -> Any:
 
 
 def row_variables(rows: Iterable[Any], derivatives: Collection[int]) -> tuple[dict[int, Any], set[int]]:
-    """Walk over rows, objectives or named expressions, all at once.
+    """Walk over rows, objectives, named expressions or pairs, all at once.
 
     Parameters
     ----------
@@ -283,7 +288,10 @@ def row_variables(rows: Iterable[Any], derivatives: Collection[int]) -> tuple[di
                 held.update(map(id, leaves))
     others: list[Any] = []
     for data in rows:
-        expression = None if data.__class__ is RowByRule else data.expr
+        if data.__class__ is RowByRule or data.ctype in PAIRS:
+            others += () if data.__class__ is RowByRule else _expressions_in(data)
+            continue
+        expression = data.expr
         if isinstance(expression, EqualityExpression):
             left, right = expression.args
             if id(left) not in derivatives:
