@@ -36,17 +36,7 @@ from pyrobocop_pyomo.templates.template import same_results
 from pyrobocop_pyomo.transcription import collocation_row, collocation_sums, continuity_row
 
 from .expansion import RowsAlong
-from .structure import (
-    PAIRS,
-    Axis,
-    Discretisation,
-    Spot,
-    axes_of,
-    axis_on,
-    open_sets,
-    other_side,
-    row_variables,
-)
+from .structure import PAIRS, Axis, Discretisation, Spot, axes_of, axis_on, open_sets, other_side, row_variables
 
 
 def derivatives_along(spots: list[Spot], domain: Any) -> list[tuple[Any, dict[int, Any]]]:
@@ -74,15 +64,6 @@ def add_collocation(discretisation: Discretisation, spots: list[Spot]) -> None:
             levels.append(by_order[order] if order in by_order else _between(home, variable, nearest, order))
             discretisation.homes[levels[-1]] = home
             discretisation.derivatives.append((levels[-2], levels[-1]))
-
-
-def remove_collocation(discretisation: Discretisation) -> None:
-    """Take away all generated blocks of a set."""
-    for block in discretisation.generated:
-        parent = block.parent_block()
-        if parent is not None:
-            parent.del_component(block)
-    discretisation.generated.clear()
 
 
 def _home(discretisation: Discretisation, parent: Any, homes: dict[int, Any]) -> Any:

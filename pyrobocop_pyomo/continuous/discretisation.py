@@ -30,12 +30,7 @@ from pyrobocop_pyomo.modeling.shared_nodes import NodesOnce, variables_in_any, v
 from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.transcription import quadrature
 
-from .derivatives import (
-    add_collocation,
-    remove_collocation,
-    substitute_derivatives,
-    write_rows,
-)
+from .derivatives import add_collocation, substitute_derivatives, write_rows
 from .expansion import Family, expand, refuse_what_cannot_grow
 from .holding_rows import HoldingRows, undecided_parts
 from .structure import (
@@ -43,12 +38,12 @@ from .structure import (
     Spot,
     axis_on,
     continuous_sets,
+    discretisation_of,
     discretisations_beside,
-    discretisations_of,
     rule_of,
     spots,
 )
-from .values import add_shown_values, clear, families, find_definitions, find_shown_values
+from .values import add_shown_values, families, find_definitions, find_shown_values
 
 # ---------------------------------------------------------------------------------------------------- sums over the set
 
@@ -225,7 +220,8 @@ def discretise(domain: Any, points: tuple[float, ...], grid: Grid) -> Discretisa
 
 def discretisations_on(root: Any) -> list[Discretisation]:
     """The discretisations of all sets of a model."""
-    return list(discretisations_of(continuous_sets(list(spots(root)))))
+    found = map(discretisation_of, continuous_sets(list(spots(root))))
+    return [discretisation for discretisation in found if discretisation is not None]
 
 
 def _show_values(root: Any, rows: HoldingRows, discretisation: Discretisation) -> None:
@@ -258,16 +254,20 @@ def _show_values(root: Any, rows: HoldingRows, discretisation: Discretisation) -
     discretisation.shown = [(*pair, following.get(key, ())) for key, pair in shown.items()]
     added = {id(block) for block in discretisation.generated}
     discretisation.before += [(data, data.value) for data, _ in absent.values() if id(data.parent_block()) not in added]
-    for data, _ in absent.values():
+    for key, (data, _) in absent.items():
         data.unfix()
-    clear({key: place for key, place in absent.items() if key not in definitions and key not in sources})
+        if key not in definitions and key not in sources:
+            data.fix(None, skip_validation=True)
+            data.stale = True
     add_shown_values(discretisation)
 
 
 def undo_discretisation(discretisation: Discretisation) -> None:
     """Remove everything that was added for a set before its derivatives are substituted."""
     domain = discretisation.domain
-    remove_collocation(discretisation)
+    for block in discretisation.generated:
+        block.parent_block().del_component(block)
+    discretisation.generated.clear()
     for data in discretisation.deactivated:
         data.activate()
     for data, number in reversed(discretisation.before):

@@ -92,14 +92,6 @@ def discretisation_of(domain: Any) -> Discretisation | None:
     return discretisations_beside(domain).get(domain)
 
 
-def discretisations_of(domains: Any) -> Iterator[Discretisation]:
-    """The discretisations of those sets that this package has discretised."""
-    for domain in domains:
-        discretisation = discretisation_of(domain)
-        if discretisation is not None:
-            yield discretisation
-
-
 def open_sets(found: list[Spot]) -> set[int]:
     """The ids of those continuous sets among components that nothing has discretised yet."""
     return {

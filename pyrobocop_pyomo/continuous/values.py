@@ -241,13 +241,6 @@ def find_definitions(rows: Iterable[Any], absent: Absent, sources: dict[int, Any
     return chosen
 
 
-def clear(absent: Absent) -> None:
-    """Fix variables to None."""
-    for data, _ in absent.values():
-        data.fix(None, skip_validation=True)
-        data.stale = True
-
-
 def add_shown_values(discretisation: Discretisation) -> None:
     """Add the rows of all shown values of a discretisation, in a generated block."""
     if not discretisation.shown:
