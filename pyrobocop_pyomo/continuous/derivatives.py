@@ -13,7 +13,7 @@ by whatever solver, used in further rows, and fixed.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from functools import partial
 from typing import Any
 
 from pyomo.common.modeling import unique_component_name
@@ -29,23 +29,14 @@ from pyomo.gdp import Disjunct
 
 from pyrobocop_pyomo.modeling.activity import enclosing_blocks
 from pyrobocop_pyomo.modeling.bulk_parts import new_row, put_part
-from pyrobocop_pyomo.modeling.rows_by_rule import RowByRule, add_rows_by_rule, variables_in_rows
+from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, RowByRule, RowRule, add_rows_by_rule
 from pyrobocop_pyomo.numerics import Grid
-from pyrobocop_pyomo.transcription import collocation_rows, continuity_rows, row_times
+from pyrobocop_pyomo.templates.formula_rows import by_label
+from pyrobocop_pyomo.templates.template import same_results
+from pyrobocop_pyomo.transcription import collocation_row, collocation_sums, continuity_row
 
-from .rows_along import ExplicitRows, RowsAlong
-from .structure import (
-    PAIRS,
-    Axis,
-    Discretisation,
-    Spot,
-    axes_of,
-    axis_on,
-    continuous_sets,
-    open_sets,
-    row_variables,
-    variables_of_row,
-)
+from .expansion import RowsAlong
+from .structure import PAIRS, Axis, Discretisation, Spot, axes_of, axis_on, open_sets, other_side, row_variables
 
 
 def derivatives_along(spots: list[Spot], domain: Any) -> list[tuple[Any, dict[int, Any]]]:
@@ -65,25 +56,14 @@ def derivatives_along(spots: list[Spot], domain: Any) -> list[tuple[Any, dict[in
 def add_collocation(discretisation: Discretisation, spots: list[Spot]) -> None:
     """Add what holds the rows of every derivative along a set, beside the derivative; `write_rows` fills it."""
     homes: dict[int, Any] = {}
-    discretisation.states.clear()
     for variable, by_order in derivatives_along(spots, discretisation.domain):
         levels = [variable]
         for order in range(1, max(by_order) + 1):
             nearest = by_order[min(known for known in by_order if known >= order)]
             home = _home(discretisation, nearest.parent_block(), homes)
             levels.append(by_order[order] if order in by_order else _between(home, variable, nearest, order))
-            _add_rows(home, levels[-2], levels[-1], discretisation)
-            discretisation.states.append(levels[-2])
+            discretisation.homes[levels[-1]] = home
             discretisation.derivatives.append((levels[-2], levels[-1]))
-
-
-def remove_collocation(discretisation: Discretisation) -> None:
-    """Take away all generated blocks of a set."""
-    for block in discretisation.generated:
-        parent = block.parent_block()
-        if parent is not None:
-            parent.del_component(block)
-    discretisation.generated.clear()
 
 
 def _home(discretisation: Discretisation, parent: Any, homes: dict[int, Any]) -> Any:
@@ -103,84 +83,109 @@ def _between(home: Any, variable: Any, derivative: Any, order: int) -> Any:
     return added
 
 
-def _add_rows(home: Any, state: Any, rate: Any, discretisation: Discretisation) -> None:
-    grid, axis = discretisation.grid, axis_on(rate, discretisation.domain)
-    assert axis is not None
-    names = [rate.local_name] if grid.scheme.end_is_a_node else [rate.local_name, f"{state.local_name}_continuity"]
-    discretisation.rows[rate] = [Constraint(rate.index_set()) for _ in names]
-    for name, rows in zip(names, discretisation.rows[rate], strict=True):
-        home.add_component(unique_component_name(home, name), rows)
-        # Where pyomo.dae discretises another set later, it asks a rule for rows on the new lines.
-        rows._rule = Initializer(LineRows(state, rate, grid, axis, name != names[0]))
-
-
-class LineRows:
-    """The rows of a derivative along a set, for one choice of its other indices after the other.
+class LineRows(RowRule):
+    """The rows of a derivative along a set, on lines: one for each choice of its other indices.
 
     Parameters
     ----------
     state : Var
-    rate : Var
+    rate : Var or Expression
+        The derivative, or the right-hand sides in its place.
     grid : Grid
     axis : Axis
         Of the set that the grid is on.
+    widths : list
+        Of the elements, in their unit if they have one.
     are_joints : bool
         Whether they are the rows that join elements whose last stage is not the end.
     """
 
-    def __init__(self, state: Any, rate: Any, grid: Grid, axis: Axis, are_joints: bool) -> None:
-        self._state, self._rate, self._grid, self._axis, self._are_joints = state, rate, grid, axis, are_joints
-        self._line: tuple[Any, dict[float, Any]] = (self, {})
-
-    def of(self, others: Any, sides: Any = None) -> Iterable[tuple[float, Any]]:
-        """Time and row of each, with `RightHandSide`s in place of the derivative where they are given."""
-        states = {time: self._state[self._axis.join(others, time)] for time in self._grid.times}
-        if self._are_joints:
-            return continuity_rows(states, self._grid)
-        of_rate = self._rate if sides is None else sides
-        rates = {time: of_rate[self._axis.join(others, time)] for time in self._grid.points}
-        if sides is not None:
-            rates = {time: side.expr for time, side in rates.items()}
-        return collocation_rows(states, rates, self._grid, _widths(self._state, self._rate, self._grid))
+    def __init__(self, state: Any, rate: Any, grid: Grid, axis: Axis, widths: list[Any], are_joints: bool) -> None:
+        self._state, self._rate, self._grid, self._axis, self._widths = state, rate, grid, axis, widths
+        self._are_joints = are_joints
+        ends = {end: (element, 0) for element, end in enumerate(grid.mesh.boundaries[1:])}
+        self._places = ends if are_joints else grid.row_places
+        self._sources: dict[Any, tuple[RowsAlong, Any]] = {}  # of the lines whose rows follow this rule
 
     def __call__(self, block: Any, *index: Any) -> Any:
-        """As the rule of the constraint, for indices of another set that are new."""
-        others, time = self._axis.others(index), self._axis.time(index)
-        if self._line[0] != others:
-            self._line = (others, dict(self.of(others)))
-        return self._line[1].get(time, Constraint.Skip)
+        """The row of an index, which Pyomo gives in parts; none at a time without one."""
+        key = index[0] if len(index) == 1 else index
+        others, time, grid = self._axis.others(key), self._axis.time(key), self._grid
+        if time not in self._places:
+            return Constraint.Skip
+        element, row = self._places[time]
+        nodes = (*grid.node_times[element], grid.mesh.boundaries[element + 1])
+        states = {node: self._state[self._axis.join(others, node)] for node in nodes}
+        if self._are_joints:
+            return continuity_row(states, grid, element)
+        stages = zip(grid.stage_times[element], grid.scheme.F[row].tolist(), strict=True)
+        rates = {stage: self._rate[self._axis.join(others, stage)] for stage, weight in stages if weight != 0.0}
+        if self._rate.ctype is Expression:
+            rates = {stage: side.args[0] for stage, side in rates.items()}
+        return collocation_row(states, rates, grid, element, row, self._widths[element])
+
+    def write(self, rows: Any, others: Any) -> None:
+        """Write the rows of a line."""
+        indices = [self._axis.join(others, time) for time in self._places]
+        source = self._source(others)
+        if source is not None:
+            self._sources[others] = source
+            add_rows_by_rule(rows, self, indices)
+            return
+        for index in indices:
+            new_row(rows, index, self(None, index))
+
+    def _source(self, others: Any) -> tuple[RowsAlong, Any] | None:
+        """The rule and the label of the rows that give a derivative at all collocation points, if there is one."""
+        if self._are_joints or self._rate.ctype is not Expression or self._state.get_units() is not None:
+            return None
+        line = {time: self._rate[self._axis.join(others, time)] for time in self._grid.points}
+        sources = {side.source for side in line.values()} - {None}
+        if len(sources) != 1:
+            return None
+        ((rule, label),) = sources
+        first_points = {time: side for time, side in line.items() if side.source is None}
+        alike = all(
+            same_results(other_side(rule.at(time, label), side.derivative), side.args[0])
+            for time, side in first_points.items()
+        )
+        return (rule, label) if alike else None
+
+    def sums(self, block: Any, indices: list[Any]) -> list[RepeatedSum]:
+        """Those of each line."""
+        found = []
+        for others, positions in by_label(range(len(indices)), lambda i: self._axis.others(indices[i])).items():
+            times = [self._axis.time(indices[position]) for position in positions]
+            state = {time: self._state[self._axis.join(others, time)] for time in self._grid.times}
+            rates = partial(self._right_hand_sides, others)
+            for repeated in collocation_sums(self._grid, state, times, rates, self._widths):
+                found.append(repeated._replace(rows=[positions[row] for row in repeated.rows]))
+        return found
+
+    def _right_hand_sides(self, others: Any, times: list[float], elements: list[int]) -> Any:
+        (rule, label), axis = self._sources[others], self._axis
+        derivatives = [self._rate[axis.join(others, time)].derivative for time in times]
+        read = [slot.at_all(None, times) for slot in rule.slots(None)[label]]
+        variables = [leaves for leaves in read if leaves[0] is not derivatives[0]]
+        return variables, lambda place: other_side(rule.at(times[place], label), derivatives[place])
 
 
 def write_rows(discretisation: Discretisation) -> None:
     """Write the rows of all derivatives, with right-hand sides in the place of those that have some."""
     grid = discretisation.grid
     for state, rate in discretisation.derivatives:
-        axis, sides = axis_on(rate, discretisation.domain), discretisation.substitutions.get(rate)
+        axis, home = axis_on(rate, discretisation.domain), discretisation.homes[rate]
         assert axis is not None
+        given, widths = discretisation.substitutions.get(rate, rate), _widths(state, rate, grid)
         lines = [axis.others(index) for index in rate if axis.time(index) == grid.times[0]]
-        by_rule = {others: said for others in lines if (said := _said_of_line(sides, state, axis, grid, others))}
-        if by_rule:
-            indices = [axis.join(others, time) for others in by_rule for time in row_times(grid)]
-            add_rows_by_rule(discretisation.rows[rate][0], ExplicitRows(state, grid, axis, by_rule), indices)
-        for are_joints, rows in enumerate(discretisation.rows[rate]):
-            line_rows = LineRows(state, rate, grid, axis, bool(are_joints))
-            for others in lines if are_joints else [others for others in lines if others not in by_rule]:
-                for time, row in line_rows.of(others, sides):
-                    new_row(rows, axis.join(others, time), row)
-
-
-def _said_of_line(sides: Any, state: Any, axis: Axis, grid: Grid, others: Any) -> tuple[RowsAlong, Any] | None:
-    """The rule and the label of the rows that give a derivative at all collocation points, if there is one."""
-    if sides is None or state.get_units() is not None:
-        return None
-    line = {time: sides[axis.join(others, time)] for time in grid.points}
-    rules = {side.said for side in line.values()} - {None}
-    if len(rules) != 1:
-        return None
-    ((rule, label),) = rules
-    first_points = {time: side for time, side in line.items() if side.said is None}
-    alike = all(rule.is_right_hand_side(side.expr, time, label) for time, side in first_points.items())
-    return (rule, label) if alike else None
+        names = [rate.local_name] if grid.scheme.end_is_a_node else [rate.local_name, f"{state.local_name}_continuity"]
+        for are_joints, name in enumerate(names):
+            rows, rule = Constraint(rate.index_set()), LineRows(state, given, grid, axis, widths, bool(are_joints))
+            home.add_component(unique_component_name(home, name), rows)
+            for others in lines:
+                rule.write(rows, others)
+            # Where pyomo.dae discretises another set later, it asks a rule for rows on the new lines.
+            rows._rule = Initializer(rule)
 
 
 def _widths(state: Any, rate: Any, grid: Grid) -> list[Any]:
@@ -195,7 +200,7 @@ def _widths(state: Any, rate: Any, grid: Grid) -> list[Any]:
 
 def substitute_derivatives(discretisation: Discretisation, found: list[Spot]) -> None:
     """Replace all derivatives that are given explicitly."""
-    open_ids, states = open_sets(continuous_sets(found)), discretisation.state_ids()
+    open_ids, states = open_sets(found), discretisation.state_ids()
     candidates = {
         id(data): data
         for _, derivative in discretisation.derivatives
@@ -213,9 +218,9 @@ def substitute_derivatives(discretisation: Discretisation, found: list[Spot]) ->
             _substitute(discretisation, derivative, needed, explicit)
 
 
-def _explicit_rows(found: list[Spot], candidates: dict[int, Any]) -> dict[int, tuple[Any, Any]]:
-    """The row and the right-hand side of each candidate that one row gives and nothing else holds."""
-    explicit: dict[int, tuple[Any, Any]] = {}
+def _explicit_rows(found: list[Spot], candidates: dict[int, Any]) -> dict[int, Any]:
+    """The row of each candidate that one row gives and nothing else holds."""
+    explicit: dict[int, Any] = {}
     elsewhere: set[int] = set()
     for spot in found:
         component = spot.component
@@ -223,29 +228,18 @@ def _explicit_rows(found: list[Spot], candidates: dict[int, Any]) -> dict[int, t
             continue
         unconditional = not any(block.ctype is Disjunct for block in enclosing_blocks(component))
         parts = [data for data in component.values() if component.ctype is Expression or data.active]
-        if component.ctype in PAIRS:
-            elsewhere.update(id(variable) for data in parts for variable in variables_of_row(data))
-            continue
-        by_rule = [data for data in parts if data.__class__ is RowByRule]
-        looked_at = [row_variables((data for data in parts if data.__class__ is not RowByRule), candidates)]
-        if by_rule and isinstance(component.rule_of_rows, RowsAlong):
-            looked_at.append(component.rule_of_rows.given(component.parent_block(), by_rule, candidates))
-        elif by_rule:  # collocation rows along another set
-            elsewhere |= variables_in_rows(by_rule)
-        for given, otherwise in looked_at:
-            elsewhere |= otherwise
-            for key, said in given.items():
-                if unconditional and key not in explicit:
-                    explicit[key] = said
-                else:
-                    elsewhere.add(key)
-    return {key: value for key, value in explicit.items() if key not in elsewhere}
+        given, otherwise = row_variables(parts, candidates)
+        elsewhere |= otherwise
+        for key, row in given.items():
+            if unconditional and key not in explicit:
+                explicit[key] = row
+            else:
+                elsewhere.add(key)
+    return {key: row for key, row in explicit.items() if key not in elsewhere}
 
 
-def _substitute(
-    discretisation: Discretisation, derivative: Any, needed: list[Any], explicit: dict[int, tuple[Any, Any]]
-) -> None:
-    home = discretisation.rows[derivative][0].parent_block()
+def _substitute(discretisation: Discretisation, derivative: Any, needed: list[Any], explicit: dict[int, Any]) -> None:
+    home = discretisation.homes[derivative]
     parent, name = derivative.parent_block(), derivative.local_name
     parent.del_component(derivative)
     aside = Block(concrete=True)
@@ -255,8 +249,7 @@ def _substitute(
     expression = Expression(derivative.index_set())
     parent.add_component(name, expression)
     for data in needed:  # the indices are those of the derivative
-        row, side = explicit[id(data)]
-        put_part(expression, data.index(), RightHandSide(side, expression, data, row))
+        put_part(expression, data.index(), RightHandSide(expression, data, explicit[id(data)]))
     discretisation.substitutions[derivative] = expression
 
 
@@ -267,11 +260,15 @@ class RightHandSide(ExpressionData):
     steady start. So it does not matter whether a derivative is fixed before or after the transformation.
     """
 
-    __slots__ = ("_derivative", "_row")
+    __slots__ = ("_row", "derivative", "source")
 
-    def __init__(self, side: Any, component: Any, derivative: Any, row: Any) -> None:
-        super().__init__(side, component)
-        self._derivative, self._row = derivative, row
+    def __init__(self, component: Any, derivative: Any, row: Any) -> None:
+        self.derivative, self._row = derivative, row
+        self.source: Any = None  # the rule that says it, and the label of its row there
+        if row.__class__ is RowByRule:
+            rule: RowsAlong = row.parent_component().rule_of_rows
+            self.source = rule, rule.parts(row.index())[1]
+        super().__init__(None if self.source is not None else other_side(row.expr, derivative), component)
         if not derivative.fixed:  # otherwise the row is a condition, as after `fix`
             self.unfix()
             derivative.stale = True
@@ -279,23 +276,15 @@ class RightHandSide(ExpressionData):
     @property
     def args(self) -> Any:
         """The right-hand side, which is made where a rule says it."""
-        if super().args[0] is None and self.said is not None:
-            rule, label = self.said
-            self.set_value(rule.right_hand_side(rule.parts(self._row.index())[0], label))
+        if super().args[0] is None:
+            rule, label = self.source
+            self.set_value(other_side(rule.at(rule.parts(self._row.index())[0], label), self.derivative))
         return super().args
-
-    @property
-    def said(self) -> tuple[RowsAlong, Any] | None:
-        """The rule that says it, and the label of its row there; None where a row of its own does."""
-        if self._row.__class__ is not RowByRule:
-            return None
-        rule: RowsAlong = self._row.parent_component().rule_of_rows
-        return rule, rule.parts(self._row.index())[1]
 
     @property
     def value(self) -> float | None:
         """The value of the derivative; None where something in it has none."""
-        return self._derivative.value if self.fixed else numeric_value(self, exception=False)
+        return self.derivative.value if self.fixed else numeric_value(self, exception=False)
 
     @property
     def fixed(self) -> bool:
@@ -304,12 +293,12 @@ class RightHandSide(ExpressionData):
 
     def fix(self, *value: Any, skip_validation: bool = False) -> None:
         """Fix the derivative, at a number or at its value."""
-        self._derivative.fix(*(value or (self.value,)), skip_validation=skip_validation)
+        self.derivative.fix(*(value or (self.value,)), skip_validation=skip_validation)
         self._row.activate()
 
     def unfix(self) -> None:
         """Take back `fix`."""
         self._row.deactivate()
-        self._derivative.fix(None, skip_validation=True)
+        self.derivative.fix(None, skip_validation=True)
 
     free = unfix

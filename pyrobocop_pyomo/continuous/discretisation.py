@@ -26,17 +26,11 @@ from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_scalar
 from pyrobocop_pyomo.modeling.failures import failures_as, undone_on_failure
-from pyrobocop_pyomo.modeling.shared_nodes import NodesOnce, variables_in, variables_in_any, variables_read
+from pyrobocop_pyomo.modeling.shared_nodes import NodesOnce, variables_in_any, variables_read
 from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.transcription import quadrature
 
-from .derivatives import (
-    add_collocation,
-    derivatives_along,
-    remove_collocation,
-    substitute_derivatives,
-    write_rows,
-)
+from .derivatives import add_collocation, substitute_derivatives, write_rows
 from .expansion import Family, expand, refuse_what_cannot_grow
 from .holding_rows import HoldingRows, undecided_parts
 from .structure import (
@@ -44,12 +38,12 @@ from .structure import (
     Spot,
     axis_on,
     continuous_sets,
+    discretisation_of,
     discretisations_beside,
-    discretisations_of,
     rule_of,
     spots,
 )
-from .values import add_shown_values, clear, families, find_definitions, find_shown_values
+from .values import add_shown_values, families, find_definitions, find_shown_values
 
 # ---------------------------------------------------------------------------------------------------- sums over the set
 
@@ -97,8 +91,7 @@ def find_possible_sums(spots: list[Spot], domain: Any) -> list[tuple[Any, Any]]:
         around = {time for outer, time in spot.outer if outer is domain}
         for index, data in spot.component.items():
             own = around if axis is None else {axis.time(index)}
-            read = map(id, variables_in(data.expr, leaves))
-            times = {place[variable][1] for variable in read if variable in place}
+            times = {place[key][1] for key in variables_in_any([data.expr], leaves) if key in place}
             if len(times | own) < 2:
                 continue
             rule = rule_of(spot.component)
@@ -211,9 +204,9 @@ def discretise(domain: Any, points: tuple[float, ...], grid: Grid) -> Discretisa
         )
         expand(found, domain, points)
         found = list(spots(root))
+        add_collocation(discretisation, found)
         _inherit(found, discretisation)
         discretisations_beside(domain)[domain] = discretisation
-        add_collocation(discretisation, found)
         for integral in integrals_along(found, domain):
             integrate(integral, discretisation)
         for possible_sum in possible_sums:
@@ -227,7 +220,8 @@ def discretise(domain: Any, points: tuple[float, ...], grid: Grid) -> Discretisa
 
 def discretisations_on(root: Any) -> list[Discretisation]:
     """The discretisations of all sets of a model."""
-    return list(discretisations_of(continuous_sets(list(spots(root)))))
+    found = map(discretisation_of, continuous_sets(list(spots(root))))
+    return [discretisation for discretisation in found if discretisation is not None]
 
 
 def _show_values(root: Any, rows: HoldingRows, discretisation: Discretisation) -> None:
@@ -260,16 +254,20 @@ def _show_values(root: Any, rows: HoldingRows, discretisation: Discretisation) -
     discretisation.shown = [(*pair, following.get(key, ())) for key, pair in shown.items()]
     added = {id(block) for block in discretisation.generated}
     discretisation.before += [(data, data.value) for data, _ in absent.values() if id(data.parent_block()) not in added]
-    for data, _ in absent.values():
+    for key, (data, _) in absent.items():
         data.unfix()
-    clear({key: place for key, place in absent.items() if key not in definitions and key not in sources})
+        if key not in definitions and key not in sources:
+            data.fix(None, skip_validation=True)
+            data.stale = True
     add_shown_values(discretisation)
 
 
 def undo_discretisation(discretisation: Discretisation) -> None:
     """Remove everything that was added for a set before its derivatives are substituted."""
     domain = discretisation.domain
-    remove_collocation(discretisation)
+    for block in discretisation.generated:
+        block.parent_block().del_component(block)
+    discretisation.generated.clear()
     for data in discretisation.deactivated:
         data.activate()
     for data, number in reversed(discretisation.before):
@@ -293,11 +291,6 @@ def undo_discretisation(discretisation: Discretisation) -> None:
 
 def _inherit(found: list[Spot], discretisation: Discretisation) -> None:
     old, points = set(discretisation.points), frozenset(discretisation.grid.points)
-    discretisation.states = [
-        state
-        for variable, by_order in derivatives_along(found, discretisation.domain)
-        for state in (variable, *(by_order[order] for order in by_order if order < max(by_order)))
-    ]
     for _, is_state, along in families(found, discretisation):
         component = next(iter(along.values())).parent_component()
         is_in_blocks = axis_on(component, discretisation.domain) is None

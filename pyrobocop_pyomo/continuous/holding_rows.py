@@ -38,10 +38,10 @@ from pyomo.core.base.var import Var
 from pyomo.dae import DerivativeVar
 
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.modeling.rows_by_rule import is_equality, variables_in_rows
+from pyrobocop_pyomo.modeling.rows_by_rule import is_equality
 from pyrobocop_pyomo.numerics import Matching
 
-from .structure import PAIRS, Discretisation, Spot, axes_of, axis_on, continuous_sets, open_sets, variables_of_row
+from .structure import PAIRS, Discretisation, Spot, axes_of, axis_on, open_sets, row_variables, variables_of_row
 
 # What becomes of a row at a point without a stage.
 HOLDS, UNDECIDED, SURPLUS = "holds", "leaves a variable to choose", "is one too many"
@@ -78,7 +78,7 @@ class HoldingRows:
     def __init__(self, spots: list[Spot], discretisation: Discretisation) -> None:
         self._spots, self._discretisation, self._domain = spots, discretisation, discretisation.domain
         self._points, self._states = frozenset(discretisation.grid.points), discretisation.state_ids()
-        self._open_ids = open_sets(continuous_sets(spots))
+        self._open_ids = open_sets(spots)
         self.candidates: Absent = {}
         self.absent: Absent = {}
         self._fixed_rates: dict[int, Any] = {}  # derivatives that the user has fixed at points of this kind, by id
@@ -155,10 +155,7 @@ class HoldingRows:
                         self._held.append(data)
                     self._families.add(family)
             self._inside += inside
-            if component.ctype in PAIRS:
-                self.used.update(id(variable) for data in inside for variable in variables_of_row(data))
-            else:
-                self.used |= variables_in_rows(inside)
+            self.used |= row_variables(inside, ())[1]
         self._refuse_missing_equations(self.used.union(*(variables for _, _, _, variables in outside)))
         pending: list[tuple[Any, list[Any]]] = []
         inequalities: list[tuple[Any, set[int]]] = []
@@ -169,7 +166,7 @@ class HoldingRows:
                 self._deactivate(data)
             elif not self._is_unsettled(data, time, variables):
                 self.used |= variables.keys()
-                if data.ctype is Constraint and data.equality:
+                if data.equality:
                     self._held.append(data)
             elif data.equality:
                 pending.append((data, self._unknowns(variables, time)))
@@ -187,7 +184,7 @@ class HoldingRows:
         if data.ctype in PAIRS:
             return True
         decided = self.candidates.keys() | self._conditions
-        is_equation_inside = data.ctype is Constraint and data.equality and not self.is_first(time)
+        is_equation_inside = data.equality and not self.is_first(time)
         return is_equation_inside and decided.isdisjoint(variables) and family in self._families
 
     def _is_unsettled(self, data: Any, time: float, variables: dict[int, Any]) -> bool:
@@ -196,8 +193,6 @@ class HoldingRows:
         These are rows with candidates for a value, and equations at the first point that may be one too many: those
         with a variable that the user has fixed there.
         """
-        if data.ctype is not Constraint:
-            return False
         may_be_surplus = data.equality and self.is_first(time) and not self._conditions.isdisjoint(variables)
         return may_be_surplus or not self.candidates.keys().isdisjoint(variables)
 

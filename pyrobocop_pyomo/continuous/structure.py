@@ -5,7 +5,7 @@ Records of how the continuous sets of a model were discretised.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -20,6 +20,7 @@ from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES
 from pyrobocop_pyomo.modeling.in_place_changes import expressions_of
+from pyrobocop_pyomo.modeling.rows_by_rule import RowByRule, sums_of
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in, variables_in_any
 from pyrobocop_pyomo.numerics import Grid
 
@@ -49,13 +50,10 @@ class Discretisation:
         What integrals were before.
     substitutions : ComponentMap
         From each derivative that an expression replaces to this.
-    states : list of Var
-        The variables that have a value at every time of the grid.
     derivatives : list of (Var, Var)
         Each state with the variable that is its derivative.
-    rows : ComponentMap
-        From each derivative to its collocation rows; for schemes whose last stage is not the end, also to those at
-        element ends.
+    homes : ComponentMap
+        From each derivative to the generated block for its rows.
     """
 
     domain: Any
@@ -67,9 +65,13 @@ class Discretisation:
     shown: list[tuple[Any, Any, tuple[Any, ...]]] = field(default_factory=list)
     formulas: list[tuple[Any, Any]] = field(default_factory=list)
     substitutions: Any = field(default_factory=ComponentMap)
-    states: list[Any] = field(default_factory=list)
     derivatives: list[tuple[Any, Any]] = field(default_factory=list)
-    rows: Any = field(default_factory=ComponentMap)
+    homes: Any = field(default_factory=ComponentMap)
+
+    @property
+    def states(self) -> list[Any]:
+        """The variables that have a value at every time of the grid."""
+        return [state for state, _ in self.derivatives]
 
     def state_ids(self) -> set[int]:
         """The ids of all variables that have a value at every time of the set."""
@@ -90,19 +92,11 @@ def discretisation_of(domain: Any) -> Discretisation | None:
     return discretisations_beside(domain).get(domain)
 
 
-def discretisations_of(domains: Any) -> Iterator[Discretisation]:
-    """The discretisations of those sets that this package has discretised."""
-    for domain in domains:
-        discretisation = discretisation_of(domain)
-        if discretisation is not None:
-            yield discretisation
-
-
-def open_sets(domains: Any) -> set[int]:
-    """The ids of those continuous sets that nothing has discretised yet."""
+def open_sets(found: list[Spot]) -> set[int]:
+    """The ids of those continuous sets among components that nothing has discretised yet."""
     return {
         id(domain)
-        for domain in domains
+        for domain in continuous_sets(found)
         if discretisation_of(domain) is None and "scheme" not in domain.get_discretization_info()
     }
 
@@ -241,9 +235,14 @@ def label(family: tuple[Any, ...]) -> str:
     return ".".join(parts)
 
 
+def _expressions_in(data: Any) -> Sequence[Any]:
+    """The expressions of a row, an objective or a pair."""
+    return (data._args or ()) if data.ctype is MpecComplementarity else expressions_of(data)
+
+
 def variables_of_row(data: Any) -> Iterable[Any]:
     """Every variable of a row, an objective, an expression or a pair."""
-    for side in (data._args or ()) if data.ctype is MpecComplementarity else expressions_of(data):
+    for side in _expressions_in(data):
         yield from variables_in(side)
 
 
@@ -252,32 +251,51 @@ def _without(index: Any, axes: tuple[Axis, ...], domain: Any) -> Any:
     return next((axis.others(index) for axis in axes if axis.domain is domain), index)
 
 
-def row_variables(rows: Iterable[Any], derivatives: Collection[int]) -> tuple[dict[int, tuple[Any, Any]], set[int]]:
-    """Walk over rows, objectives or named expressions, all at once.
+def row_variables(rows: Iterable[Any], derivatives: Collection[int]) -> tuple[dict[int, Any], set[int]]:
+    """Walk over rows, objectives, named expressions or pairs, all at once.
 
     Parameters
     ----------
     rows : iterable of component data
+        Of those that follow a rule, which says the same of all of them, the first one is looked at.
     derivatives : collection of int
         Ids of the variables that may be said explicitly.
 
     Returns
     -------
-    dict of id to (row, expression)
-        From a derivative that a row says explicitly, ``dx[t] == f``, to that row and ``f``.
+    dict of id to row
+        From a derivative that a row says explicitly, ``dx[t] == f``, to that row.
     set of int
         Ids of all variables that the rows hold otherwise.
     """
-    given: dict[int, tuple[Any, Any]] = {}
+    rows = list(rows)
+    given: dict[int, Any] = {}
+    held: set[int] = set()
+    for repeated in sums_of(rows):
+        first, otherwise = row_variables([rows[repeated.rows[0]].made()], derivatives)
+        for leaves in repeated.variables:
+            if id(leaves[0]) in first:
+                given |= {id(leaf): rows[i] for i, leaf in zip(repeated.rows, leaves, strict=True)}
+            if id(leaves[0]) in otherwise:
+                held.update(map(id, leaves))
     others: list[Any] = []
     for data in rows:
+        if data.__class__ is RowByRule or data.ctype in PAIRS:
+            others += () if data.__class__ is RowByRule else _expressions_in(data)
+            continue
         expression = data.expr
         if isinstance(expression, EqualityExpression):
             left, right = expression.args
             if id(left) not in derivatives:
                 left, right = right, left
             if id(left) in derivatives and id(left) not in given:
-                given[id(left)] = (data, right)
+                given[id(left)] = data
                 expression = right
         others.append(expression)
-    return given, set(variables_in_any(others))
+    return given, held.union(variables_in_any(others))
+
+
+def other_side(equation: Any, side: Any) -> Any:
+    """What an equation says that one of its sides is."""
+    left, right = equation.args
+    return right if left is side else left

@@ -35,7 +35,18 @@ from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .holding_rows import Absent
-from .structure import PAIRS, Discretisation, Spot, axes_of, axis_on, discretisation_of, label, row_variables, spots
+from .structure import (
+    PAIRS,
+    Discretisation,
+    Spot,
+    axes_of,
+    axis_on,
+    discretisation_of,
+    label,
+    other_side,
+    row_variables,
+    spots,
+)
 
 
 def dae_trajectory(model: Any, wrt: Any) -> Trajectory:
@@ -215,10 +226,9 @@ def find_definitions(rows: Iterable[Any], absent: Absent, sources: dict[int, Any
     """
     everything = {key: data for key, (data, _) in absent.items()}
     free = {key for key, data in everything.items() if data.is_continuous() and data.lower is data.upper is None}
-    waiting: dict[int, tuple[Any, set[int]]] = {}
-    for row in rows:
-        for key, (_, side) in row_variables([row], free)[0].items():
-            waiting.setdefault(key, (row, {id(v) for v in variables_in(side)} & everything.keys()))
+    given, _ = row_variables(rows, free)
+    read = {key: variables_in(other_side(row.expr, everything[key])) for key, row in given.items()}
+    waiting = {key: (row, set(map(id, read[key])) & everything.keys()) for key, row in given.items()}
     known, chosen = set(sources) - waiting.keys(), dict[int, Any]()
     while waiting:
         ready = {key: row for key, (row, needed) in waiting.items() if needed <= known}
@@ -229,13 +239,6 @@ def find_definitions(rows: Iterable[Any], absent: Absent, sources: dict[int, Any
         known.update(ready if ready or shown is None else [shown])  # equations that wait for each other
         waiting = {key: waiting[key] for key in waiting.keys() - known}
     return chosen
-
-
-def clear(absent: Absent) -> None:
-    """Fix variables to None."""
-    for data, _ in absent.values():
-        data.fix(None, skip_validation=True)
-        data.stale = True
 
 
 def add_shown_values(discretisation: Discretisation) -> None:

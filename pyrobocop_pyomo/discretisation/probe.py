@@ -30,7 +30,7 @@ from pyomo.core.expr.numvalue import value
 from pyomo.dae import ContinuousSet
 
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
-from pyrobocop_pyomo.continuous.structure import open_sets
+from pyrobocop_pyomo.continuous.structure import open_sets, spots
 from pyrobocop_pyomo.errors import PyRobocopError, TrajectoryError
 from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
 from pyrobocop_pyomo.modeling.rows_by_rule import sum_by_rule
@@ -115,7 +115,7 @@ def rows_beside(model: Any, phases: Sequence[Any]) -> Iterator[tuple[Any, list[A
 def motion_beside_phases(model: Any, phases: Sequence[Any]) -> Iterator[str]:
     """What moves in a model without a phase that states how, and what to do; a sentence for each."""
     sets = list(model.component_objects(ContinuousSet, active=True))
-    undiscretised = open_sets(sets)
+    undiscretised = open_sets(list(spots(model)))
     for domain in sets:
         if id(domain) not in undiscretised:
             yield (

@@ -105,7 +105,6 @@ class ArrayEntry:
     """
 
     __slots__ = ("expression",)
-    is_array_entry = True
 
     def __init__(self, expression: Any) -> None:
         self.expression = expression
@@ -115,10 +114,6 @@ class ArrayEntry:
     def is_numeric_type(self) -> bool:
         """False: an entry is no node of an expression."""
         return False
-
-    def entry_of(self, expression: Any) -> ArrayEntry:
-        """Another expression, as an entry too."""
-        return ArrayEntry(expression)
 
     def _op(self, function: Callable[..., Any], *_: Any) -> Any:
         # pyo.sin(entry) comes here, with math.sin.

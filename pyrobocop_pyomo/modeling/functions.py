@@ -13,6 +13,7 @@ from pyomo.core.expr.numvalue import native_numeric_types, value
 
 from pyrobocop_pyomo.errors import EvaluationError, FunctionError
 
+from .expression_arrays import ArrayEntry, plain_entry
 from .expressions import is_indexed_component
 
 logger = logging.getLogger(__name__)
@@ -152,20 +153,18 @@ class Function:
             node = ExternalFunctionExpression if variable else NPV_ExternalFunctionExpression
             results = [node(flat, output) for output in self._outputs]
         if wrapped:
-            results = [wrapped[0].entry_of(result) for result in results]
+            results = list(map(ArrayEntry, results))
         return results[0] if self._single else results
 
     def _flattened(self, arguments: Iterable[Any], wrapped: list[Any]) -> Iterable[Any]:
         for argument in arguments:
-            if getattr(type(argument), "is_array_entry", False):
-                wrapped.append(argument)
-                argument = argument.expression
             if isinstance(argument, np.ndarray) and argument.ndim == 0:
                 argument = argument.item()
+            if isinstance(argument, ArrayEntry):
+                wrapped.append(argument)
+            argument = plain_entry(argument)
             if argument.__class__ in native_numeric_types:
                 yield argument
-            elif isinstance(argument, (np.floating, np.integer)):
-                yield argument.item()
             elif is_indexed_component(argument):
                 raise FunctionError(
                     f"'{self.name}': the input '{argument.name}' is indexed. Give one of its items: is [t] missing?"

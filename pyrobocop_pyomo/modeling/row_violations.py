@@ -18,13 +18,11 @@ from pyomo.core.expr.relational_expr import RelationalExpression
 from .shared_nodes import NodesOnce, shared_value, variables_in
 
 
-def number_or_nan(expression: Any, without: float = math.nan, known: Mapping[int, float] | None = None) -> float:
-    """Value of an expression; NaN where it has none or is no real number, `without` for None.
+def number_or_nan(expression: Any, known: Mapping[int, float] | None = None) -> float:
+    """Value of an expression; NaN where it has none or is no real number.
 
     Values of some nodes may be known, by their ids.
     """
-    if expression is None:
-        return without
     try:
         number = shared_value(expression, exception=False, known=known)
         return math.nan if number is None or isinstance(number, complex) else float(number)
@@ -64,24 +62,16 @@ def sides_of_row(row: Any) -> tuple[Any, Any, Any]:
     return body, -math.inf if lower is None else lower, math.inf if upper is None else upper
 
 
-def relation_violation(relation: Any, unknown: float | None = None) -> float:
+def relation_violation(relation: Any, unknown: float) -> float:
     """How far what a rule returns is from holding: a relation, a tuple as Pyomo takes it, or what has to be zero.
 
     Parameters
     ----------
     relation : expression, tuple or number
-    unknown : float, optional
-        Returned where a value is not known; by default that is an error.
-
-    Raises
-    ------
-    ValueError
-        When a variable has no value.
+    unknown : float
+        Returned where a value is not known.
     """
-    sides = sides_of_row(relation)
-    if unknown is None:
-        return bound_violation(*(float(shared_value(side)) for side in sides))
-    numbers = list(map(number_or_nan, sides))
+    numbers = list(map(number_or_nan, sides_of_row(relation)))
     return unknown if any(map(math.isnan, numbers)) else bound_violation(*numbers)
 
 

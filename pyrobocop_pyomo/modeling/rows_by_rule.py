@@ -17,7 +17,6 @@ from pyomo.core.base.expression import ExpressionData
 from pyomo.core.expr.numvalue import value
 
 from .bulk_parts import put_part
-from .shared_nodes import variables_in_any
 
 
 class RepeatedSum(NamedTuple):
@@ -203,9 +202,3 @@ def sums_of(parts: Sequence[Any]) -> list[RepeatedSum]:
         for repeated in component.rule_of_rows.sums(component.parent_block(), indices):
             found.append(repeated._replace(rows=[positions[row] for row in repeated.rows]))
     return found
-
-
-def variables_in_rows(parts: Sequence[Any]) -> set[int]:
-    """Ids of the variables in rows and objectives; of rows that follow a rule none is made."""
-    found = set(variables_in_any(part.expr for part in parts if part.__class__ is not RowByRule))
-    return found.union(*(map(id, alike) for repeated in sums_of(parts) for alike in repeated.variables))

@@ -8,7 +8,7 @@ Pyomo's own walks visit the tree.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from itertools import chain
 from operator import attrgetter
 from typing import Any
@@ -16,26 +16,17 @@ from typing import Any
 from pyomo.core.expr.numvalue import native_types, value
 
 
-def variables_in(expression: Any, leaves: Collection[int] = (), include_fixed: bool = True) -> Iterator[Any]:
+def variables_in(expression: Any, include_fixed: bool = True) -> Iterator[Any]:
     """Each variable of an expression once, in the order in which a walk from left to right meets them.
 
     Parameters
     ----------
     expression : expression, relation, variable or number
-    leaves : collection of int
-        Ids of named expressions that stand for themselves; they are yielded in place of what they hold.
     include_fixed : bool
     """
-
-    def is_variable(node: Any) -> bool:
-        return bool(node.is_variable_type() and (include_fixed or not node.fixed))
-
-    def is_wanted(node: Any) -> bool:
-        return not node.is_expression_type() or id(node) in leaves
-
-    for node in topmost_nodes((expression,), is_wanted, _leaves_or_arguments):
-        if node.is_expression_type() or is_variable(node):
-            yield node
+    for leaf in topmost_nodes((expression,), lambda node: not node.is_expression_type(), _leaves_or_arguments):
+        if leaf.is_variable_type() and (include_fixed or not leaf.fixed):
+            yield leaf
 
 
 def _leaves_or_arguments(node: Any) -> Sequence[Any]:
@@ -76,7 +67,10 @@ def topmost_nodes(
 
 
 def variables_in_any(expressions: Iterable[Any], leaves: Set[int] = frozenset()) -> dict[int, Any]:
-    """Each variable that one of many expressions holds, by its id; `leaves` are as in `variables_in`."""
+    """Each variable that one of many expressions holds, by its id.
+
+    `leaves` are ids of named expressions that stand for themselves; they are found in place of what they hold.
+    """
     is_wanted: Callable[[Any], bool] = lambda node: not node.is_expression_type() or id(node) in leaves  # noqa: E731
     found = topmost_nodes(expressions, is_wanted, _leaves_or_arguments)
     return {id(node): node for node in found if node.is_expression_type() or node.is_variable_type()}

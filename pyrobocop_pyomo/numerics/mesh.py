@@ -144,6 +144,12 @@ class Grid(Presented):
         return elements
 
     @cached_property
+    def row_places(self) -> dict[float, tuple[int, int]]:
+        """Element and row of the scheme of each point that has a collocation row, element by element."""
+        rows = list(enumerate(self.scheme.row_stages))
+        return {times[stage]: (i, row) for i, times in enumerate(self.stage_times) for row, stage in rows}
+
+    @cached_property
     def quadrature_weights(self) -> dict[float, float]:
         """Sum of ``h_i b_k`` over the stages at each point: running costs are sums with these weights."""
         weights = dict.fromkeys(self.points, 0.0)

@@ -26,7 +26,7 @@ from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, RowRule, add_rows
 from pyrobocop_pyomo.modeling.rule_slips import slips_explained
 from pyrobocop_pyomo.modeling.shared_nodes import expressions_returned, variables_in_any
 from pyrobocop_pyomo.templates.template import Template
-from pyrobocop_pyomo.transcription import can_step, quadrature, row_times
+from pyrobocop_pyomo.transcription import can_step, quadrature
 
 from .declarations import Algebraic, State, check_bounds
 from .families import equations_by_component
@@ -163,9 +163,9 @@ def _add_collocation(block: Any, name: str, rates: Mapping[float, Any], is_read_
     boundary = block.boundary if block.record.free_widths else None
     rule = CollocationRows(block.component(name), rates, block.duration, boundary)
     if is_read_later:
-        add_rows_by_rule(rows, rule, row_times(grid))
+        add_rows_by_rule(rows, rule, grid.row_places)
         return
-    for time in row_times(grid):
+    for time in grid.row_places:
         new_row(rows, time, rule(block, time))
 
 

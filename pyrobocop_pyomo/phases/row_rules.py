@@ -13,7 +13,7 @@ from pyrobocop_pyomo.modeling.expression_arrays import plain_scalar
 from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, RowRule
 from pyrobocop_pyomo.templates.formula_rows import FormulaRows
 from pyrobocop_pyomo.templates.slots import Slot
-from pyrobocop_pyomo.transcription import collocation_row, collocation_sums, place_of
+from pyrobocop_pyomo.transcription import collocation_row, collocation_sums
 
 from .families import equations_by_component
 from .horizon import element_width
@@ -102,7 +102,7 @@ class CollocationRows(RowRule):
 
     def __call__(self, block: Any, index: float) -> Any:
         """The row at a collocation point."""
-        element, row = place_of(block.record.grid, index)
+        element, row = block.record.grid.row_places[index]
         width = element_width(block.record, element, self._duration, self._boundary)
         return collocation_row(self._state, self._rates, block.record.grid, element, row, width)
 

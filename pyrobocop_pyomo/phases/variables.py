@@ -29,7 +29,7 @@ from pyrobocop_pyomo.numerics.rounding import ROUNDING
 from pyrobocop_pyomo.presentation import one_line
 from pyrobocop_pyomo.templates.slots import Item
 from pyrobocop_pyomo.templates.template import Reading, TimeTemplate
-from pyrobocop_pyomo.transcription import continuity_rows
+from pyrobocop_pyomo.transcription import continuity_row
 
 from .declarations import Bounds, Control, Declaration, Parameter, State, check_bounds
 from .delays import delayed_value, value_at, value_at_time
@@ -292,7 +292,8 @@ def _add_ends(block: Any, name: str, state: State, variable: Any, label: str) ->
                 _impose_boundary_value(variable[time], given, label, where)
         if state.initial_guess is None:
             _stay_at_stated_end(variable, state, grid.times)
-    if rows := dict(continuity_rows(variable, grid)):
+    if not grid.scheme.end_is_a_node:
+        rows = {end: continuity_row(variable, grid, i) for i, end in enumerate(grid.mesh.boundaries[1:])}
         add_generated_rows(block, f"{name}_continuity", list(rows), rows.items())
 
 

@@ -22,8 +22,10 @@ from pyrobocop_pyomo.errors import EvaluationError
 from pyrobocop_pyomo.modeling.functions import Function
 
 from .model_terms import FunctionCall, ModelTerms
-from .nonlinear_program import FloatArray, IndexArray
+from .nonlinear_program import FloatArray
+from .summed_terms import merged_places
 from .vectorised_program import VectorisedProgram
+from .wrapped_programs import WrappedProgram
 
 logger = logging.getLogger(__name__)
 
@@ -92,7 +94,7 @@ def _points(calls: Sequence[FunctionCall], column_of: Mapping[int, int], first: 
     return Points(calls[0].level, function, inputs, outputs, used, rows)
 
 
-class ProgramWithFunctions:
+class ProgramWithFunctions(WrappedProgram):
     """See the module; a `NonlinearProgram`, whose last rows are those of the functions.
 
     Parameters
@@ -106,7 +108,8 @@ class ProgramWithFunctions:
     """
 
     def __init__(self, main: VectorisedProgram, terms: ModelTerms, calls: Sequence[Sequence[FunctionCall]]) -> None:
-        self._main, self.n, self.m, column_of = main, main.n, main.m, terms.columns.column_of
+        super().__init__(main)
+        self._main, column_of = main, terms.columns.column_of
         self._points: list[Points] = []
         for several in calls:
             self._points.append(_points(several, column_of, self.m))
@@ -115,9 +118,9 @@ class ProgramWithFunctions:
         self._held = np.array([column_of[id(variable)] for variable in terms.calls.held], dtype=np.intp)
         ties = np.stack([np.arange(main.m, self.m), self._outputs])
         slopes, bends = zip(*map(_structures, self._points), strict=True)
-        self.jacobian_structure = _int32(np.concatenate([np.stack(main.jacobian_structure), ties, *slopes], axis=1))
-        hessian, self._place_in_hessian = _merged(np.concatenate([np.stack(main.hessian_structure), *bends], axis=1))
-        self.hessian_structure = _int32(hessian)
+        rows, columns = np.concatenate([np.stack(main.jacobian_structure), ties, *slopes], axis=1).astype(np.int32)
+        self.jacobian_structure = rows, columns
+        self.hessian_structure, self._place_in_hessian = merged_places([main.hessian_structure, *bends], self.n)
         self.derivatives = _described(main.derivatives, [each.function for each in self._points])
         self._read()
         self._check_derivatives()
@@ -129,7 +132,6 @@ class ProgramWithFunctions:
 
     def _read(self) -> None:
         main, zeros = self._main, np.zeros(self.m - self._main.m)
-        self.x_lower, self.x_upper = main.x_lower, main.x_upper
         self.g_lower, self.g_upper = (np.concatenate([of, zeros]) for of in (main.g_lower, main.g_upper))
         self.x_start = self.completed(main.x_start)
 
@@ -164,14 +166,6 @@ class ProgramWithFunctions:
 
     # ---------------------------------------------------------------- evaluation
 
-    def objective(self, x: FloatArray) -> float:
-        """Value of f."""
-        return self._main.objective(x)
-
-    def gradient(self, x: FloatArray) -> FloatArray:
-        """Gradient of f."""
-        return self._main.gradient(x)
-
     def constraints(self, x: FloatArray) -> FloatArray:
         """Values of g."""
         of_functions = np.concatenate([points.values(x) for points in self._points])
@@ -195,26 +189,13 @@ class ProgramWithFunctions:
         return total
 
 
-def _structures(points: Points) -> tuple[np.ndarray, np.ndarray]:
+def _structures(points: Points) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
     """Rows and columns of the derivatives of outputs by arguments, and of the lower triangle by arguments twice."""
     rows, columns = np.broadcast_arrays(points.rows[:, :, None], points.inputs[:, None, :])
     i, j = np.tril_indices(points.inputs.shape[1])
-    both = np.stack([points.inputs[:, i].ravel(), points.inputs[:, j].ravel()])
-    return np.stack([rows[points.used], columns[points.used]]).reshape(2, -1), np.stack(
-        [both.max(axis=0), both.min(axis=0)]
-    )
-
-
-def _merged(entries: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The different ones of some entries, row by row, and which of these each of them is."""
-    width = int(entries[1].max(initial=0)) + 1
-    keys, number = np.unique(entries[0] * width + entries[1], return_inverse=True)
-    return np.stack([keys // width, keys % width]), number
-
-
-def _int32(entries: np.ndarray) -> tuple[IndexArray, IndexArray]:
-    rows, columns = entries.astype(np.int32)
-    return rows, columns
+    first, second = points.inputs[:, i].ravel(), points.inputs[:, j].ravel()
+    slopes = np.stack([rows[points.used], columns[points.used]]).reshape(2, -1)
+    return slopes, (np.maximum(first, second), np.minimum(first, second))
 
 
 def _described(derivatives: str, functions: Sequence[Function]) -> str:

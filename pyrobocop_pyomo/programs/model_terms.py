@@ -178,9 +178,8 @@ class Terms:
         self.named_expressions: dict[int, Any] = {}
         self._kinds = NodeKinds()
         self.groups = TermGroups(columns, self._kinds, self._content)
-        self._terms: list[tuple[int, NonlinearTerm]] = []
+        self._terms: list[tuple[NonlinearTerm, list[int], list[float], dict[int, list[int]]]] = []
         self._sums: list[tuple[RepeatedSum, float]] = []  # that follow a rule, as far as they were met and not added
-        self._repeated: list[tuple[NonlinearTerm, np.ndarray, np.ndarray, dict[int, np.ndarray]]] = []
 
     def add(self, row: int, expression: Any, scale: float = 1.0, keep_constant: bool = False) -> bool:
         """Add ``scale * expression`` to a row, in linear terms as far as possible.
@@ -210,33 +209,29 @@ class Terms:
         self.linear_rows += [row] * len(columns)
         self.linear_columns += columns
         self.linear_coefficients += coefficients
-        self._terms += [(row, term) for term in _joined(parts)]
+        self._terms += [(term, [row], [1.0], {}) for term in _joined(parts)]
         return variable
 
     def add_repeated(self, repeated: RepeatedSum, table: IndexArray, first: int = 0) -> None:
         """Add a sum to each of its rows, which are counted from a first one; `table` is from its columns."""
-        all_rows, all_scales = first + np.array(repeated.rows), np.array(repeated.scales)
         for places, exchanged in repetitions(table):
-            rows, scales = all_rows[places], all_scales[places]
+            rows, scales = [first + repeated.rows[place] for place in places], [repeated.scales[i] for i in places]
             columns: list[int] = []
             coefficients: list[float] = []
-            constant, parts = self._split(repeated.expression(int(places[0])), 1.0, columns, coefficients)
-            for row, added in zip(rows.tolist(), (constant * scales).tolist(), strict=True) if constant else ():
-                self.constants[row] = self.constants.get(row, 0.0) + added
+            constant, parts = self._split(repeated.expression(places[0]), 1.0, columns, coefficients)
+            for row, scale in zip(rows, scales, strict=True) if constant else ():
+                self.constants[row] = self.constants.get(row, 0.0) + constant * scale
             for column, coefficient in zip(columns, coefficients, strict=True):
-                self.linear_rows += rows.tolist()
-                self.linear_columns += exchanged.get(column, np.full(len(rows), column)).tolist()
-                self.linear_coefficients += (coefficient * scales).tolist()
-            self._repeated += [(term, rows, scales, exchanged) for term in _joined(parts)]
+                self.linear_rows += rows
+                self.linear_columns += exchanged.get(column, [column] * len(rows))
+                self.linear_coefficients += [coefficient * scale for scale in scales]
+            self._terms += [(term, rows, scales, exchanged) for term in _joined(parts)]
 
     def group(self) -> None:
         """Put the terms of all rows that were added into groups of one shape."""
-        for row, term in self._terms:
-            self.groups.put(row, term)
-        for repeated in self._repeated:
-            self.groups.put_repeated(*repeated)
+        for term in self._terms:
+            self.groups.put(*term)
         self._terms.clear()
-        self._repeated.clear()
 
     def linear_parts(self) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
         """Rows, places and coefficients of the variables in linear terms, and of the parameters there."""

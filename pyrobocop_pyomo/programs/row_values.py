@@ -54,7 +54,7 @@ class RowValues:
                         repeated = by_rule.repeated()
                         self._put_repeated(repeated._replace(rows=[i] * len(repeated.rows)))
                     elif expression.__class__ is not RowByRule:
-                        self._groups.put(i, NonlinearTerm((expression,)))
+                        self._groups.put(NonlinearTerm((expression,)), [i], [1.0], {})
                 for repeated in sums_of(expressions) if sums is None else sums:
                     self._put_repeated(repeated)
             except ModelError:  # something that arrays do not know: an external function
@@ -63,10 +63,10 @@ class RowValues:
         self._shapes = list(map(TermGroup.arrays, self._groups.values()))
 
     def _put_repeated(self, repeated: RepeatedSum) -> None:
-        rows, scales = np.array(repeated.rows), np.array(repeated.scales)
         for places, exchanged in repetitions(self._columns.table(repeated)):
-            term = NonlinearTerm((repeated.expression(int(places[0])),))
-            self._groups.put_repeated(term, rows[places], scales[places], exchanged)
+            term = NonlinearTerm((repeated.expression(places[0]),))
+            rows, scales = zip(*((repeated.rows[place], repeated.scales[place]) for place in places), strict=True)
+            self._groups.put(term, list(rows), list(scales), exchanged)
 
     def values(self) -> Array:
         """Values now; NaN where an expression has none, or is no real number."""

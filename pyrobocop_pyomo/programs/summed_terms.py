@@ -303,10 +303,8 @@ class SummedTerms:
         Variables of the entries that each function adds to a Hessian.
     work : int
         Numbers of one instance that an evaluation holds at a time.
-    hessian_structure : pair of int arrays
-        Rows and columns of the Hessian's entries, once `place_hessians` has told.
     sums : SumsStructure
-        All this as the library takes it, from then on.
+        All this as the library takes it, once `place_hessians` has told the places of the Hessian's entries.
     """
 
     def __init__(self, terms: Terms, rows: int, n: int, library: ctypes.CDLL | None = None) -> None:
@@ -332,9 +330,8 @@ class SummedTerms:
         self.hessian_pairs = [function.hessian_pairs for function in self.functions]
         self.work = max([1, *(function.work for term in self.functions for function in term.functions)])
 
-    def place_hessian(self, structure: tuple[IndexArray, IndexArray], places: np.ndarray) -> None:
+    def place_hessian(self, places: np.ndarray) -> None:
         """Say where each entry of `hessian_pairs` is added, one function after the other."""
-        self.hessian_structure = structure
         hessian_places = _split(places, [rows.size for rows, _ in self.hessian_pairs])
         all_places = zip(self.functions, self._gradient_places, hessian_places, strict=True)
         self._terms = (TermStructure * len(self.functions))(*(term.structure(*both) for term, *both in all_places))
@@ -388,7 +385,7 @@ def place_hessians(several: Sequence[SummedTerms], n: int) -> tuple[IndexArray, 
     structure, places = merged_places([pair for sums in several for pair in sums.hessian_pairs], n)
     sizes = [sum(rows.size for rows, _ in sums.hessian_pairs) for sums in several]
     for sums, own in zip(several, _split(places, sizes), strict=True):
-        sums.place_hessian(structure, own)
+        sums.place_hessian(own)
     return structure
 
 

@@ -276,7 +276,7 @@ class Columns:
         return found
 
 
-def repetitions(table: IndexArray) -> Iterator[tuple[IndexArray, dict[int, IndexArray]]]:
+def repetitions(table: IndexArray) -> Iterator[tuple[list[int], dict[int, list[int]]]]:
     """Places of a sum whose terms differ by their columns alone.
 
     Where some variables are fixed, or where two are one, the terms are other ones.
@@ -288,13 +288,13 @@ def repetitions(table: IndexArray) -> Iterator[tuple[IndexArray, dict[int, Index
 
     Yields
     ------
-    places : int array, shape (n,)
-    exchanged : dict of int to int array, shape (n,)
+    places : list of int
+    exchanged : dict of int to list of int
         From the columns at the first place to those at each.
     """
     ordered = np.sort(table, axis=0)
     same = (ordered[1:] == ordered[:-1]).any(axis=0)
-    yield from ((np.array([place], dtype=np.int32), {}) for place in np.flatnonzero(same))
+    yield from (([place], {}) for place in np.flatnonzero(same).tolist())
     is_fixed = table < 0
     has_fixed = is_fixed.any(axis=0)
     groups = [np.flatnonzero(~has_fixed & ~same)]
@@ -304,7 +304,7 @@ def repetitions(table: IndexArray) -> Iterator[tuple[IndexArray, dict[int, Index
     groups += map(np.array, by_pattern.values())
     for places in groups:
         if places.size:
-            yield places.astype(np.int32), {int(columns[places[0]]): columns[places] for columns in table}
+            yield places.tolist(), {int(columns[places[0]]): columns[places].tolist() for columns in table}
 
 
 class NonlinearTerm(NamedTuple):
@@ -331,43 +331,33 @@ class TermGroups(dict[Code, TermGroup]):
         super().__init__()
         self._columns, self._kinds, self._content_of = columns, kinds, content_of
 
-    def put(self, row: int, term: NonlinearTerm) -> None:
-        """Walk over a term of a row and put it into its group."""
-        group, columns, numbers, parameters = self._shape(term)
-        start = len(group.numbers)
-        group.rows.append(row)
-        group.scales.append(term.scale)
-        group.columns += columns
-        group.numbers += numbers
-        group.parameters += [(start + place, parameter) for place, parameter in parameters]
-
-    def put_repeated(
-        self, term: NonlinearTerm, rows: IndexArray, scales: Array, exchanged: dict[int, IndexArray]
+    def put(
+        self, term: NonlinearTerm, rows: list[int], scales: list[float], exchanged: Mapping[int, list[int]]
     ) -> None:
-        """Walk over a term once, and put it into its group for several rows.
+        """Walk over a term once, and put it into its group for one or several rows.
 
         Parameters
         ----------
         term : NonlinearTerm
             As it is in the first of them.
-        rows : int array, shape (n,)
-        scales : float array, shape (n,)
-            Of each, beside that of the term.
-        exchanged : dict of int to int array, shape (n,)
-            For columns of variables and parameters of the term, those that stand in their places.
+        rows : list of int
+        scales : list of float
+            Of each row, beside that of the term.
+        exchanged : mapping of int to list of int
+            For columns of variables and parameters of the term, those that stand in their places in each row.
         """
         group, columns, numbers, parameters = self._shape(term)
-        count = len(rows)
-        first = len(group.numbers)
-        group.rows += rows.tolist()
-        group.scales += (term.scale * scales).tolist()
-        of_terms = [exchanged.get(column, np.full(count, column)) for column in columns]
-        group.columns += np.column_stack(of_terms).ravel().tolist() if of_terms else []
+        count, start = len(rows), len(group.numbers)
+        group.rows += rows
+        group.scales += [term.scale * scale for scale in scales]
+        if exchanged:
+            of_terms = [exchanged.get(column, [column] * count) for column in columns]
+            columns = list(chain.from_iterable(zip(*of_terms, strict=True)))
+        group.columns += columns
         group.numbers += numbers * count
-        starts = range(first, first + count * len(numbers), len(numbers) or 1)
         for place, parameter in parameters:
-            known = -1 - exchanged[-1 - parameter] if -1 - parameter in exchanged else np.full(count, parameter)
-            group.parameters += [(start + place, own) for start, own in zip(starts, known.tolist(), strict=True)]
+            for i, column in enumerate(exchanged.get(-1 - parameter, [-1 - parameter] * count)):
+                group.parameters.append((start + i * len(numbers) + place, -1 - column))
 
     def _shape(self, term: NonlinearTerm) -> tuple[TermGroup, list[int], list[float], list[tuple[int, int]]]:
         """The group of a term, its variables and numbers, and which of these are parameters."""

@@ -295,21 +295,14 @@ def formulas_of(
     home: Any,
     more: tuple[Any, ...] = (),
     time: TimeTemplate | None = None,
-    read: Callable[[Any], Any] = lambda result: result,
 ) -> _Formulas | None:
-    """What a rule says for all times, or for those that a template stands for; None where it has to know the time.
-
-    Parameters
-    ----------
-    read : callable
-        From what the rule returns to the result.
-    """
+    """What a rule says for all times, or for those that a template stands for; None where it has to know the time."""
     if _looks_at_types(rule):
         return None
     time = TimeTemplate() if time is None else time
     try:
         with asked_for_all_times():
-            return _Formulas(read(rule(home, time, *(given.template(i) for i, given in enumerate(more)))), time)
+            return _Formulas(rule(home, time, *(given.template(i) for i, given in enumerate(more))), time)
     except Exception:  # a rule that is no template may raise anything
         return None
 

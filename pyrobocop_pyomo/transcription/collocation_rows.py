@@ -13,7 +13,7 @@ A[k, j] f_j`` would hold it up to ``s`` times.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
@@ -25,36 +25,27 @@ from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum
 from pyrobocop_pyomo.numerics import Grid, Scheme
 
 
-def collocation_rows(
-    state: Mapping[float, Any], rate: Mapping[float, Any], grid: Grid, widths: list[Any]
-) -> Iterator[tuple[float, Any]]:
-    """Rows ``D x - h f = 0`` at each collocation point.
+def collocation_row(
+    state: Mapping[float, Any], rate: Mapping[float, Any], grid: Grid, element: int, row: int, width: Any
+) -> Any:
+    """One row ``D[row] x - h F[row] f = 0`` of an element.
 
     Parameters
     ----------
     state : mapping of time to variable
-        The state at every time of the grid.
+        The state at the nodes of the element.
     rate : mapping of collocation point to expression, variable or number
-        The right-hand side, or a variable that stands for the derivative.
+        The right-hand sides that the row has, or variables that stand for derivatives.
     grid : Grid
-        ``N`` elements with ``s`` stages.
-    widths : list, length N
-        Width of each element: numbers, or expressions when the duration is a variable.
+    element, row : int
+    width : number or expression
+        Of the element; an expression when the duration is a variable.
 
-    Yields
-    ------
-    (time, row) : tuple
-        The collocation point and ``(body, 0)``, the tuple form of an equality constraint.
+    Returns
+    -------
+    (body, 0)
+        The tuple form of an equality constraint.
     """
-    for element, (stages, width) in enumerate(zip(grid.stage_times, widths, strict=True)):
-        for row, stage in enumerate(grid.scheme.row_stages):
-            yield stages[stage], collocation_row(state, rate, grid, element, row, width)
-
-
-def collocation_row(
-    state: Mapping[float, Any], rate: Mapping[float, Any], grid: Grid, element: int, row: int, width: Any
-) -> Any:
-    """One row ``D[row] x - h F[row] f = 0`` of an element of a width; see `collocation_rows`."""
     coefficients, mixture = grid.scheme.D[row].tolist(), grid.scheme.F[row].tolist()
     variables = [state[time] for time in grid.node_times[element]]
     backward = -width
@@ -64,17 +55,6 @@ def collocation_row(
         if weight != 0.0:
             terms.append((backward if weight == 1.0 else backward * weight) * rate[stage])
     return SumExpression(terms), 0
-
-
-def row_times(grid: Grid) -> list[float]:
-    """The collocation points that have a row, element by element."""
-    return [stages[stage] for stages in grid.stage_times for stage in grid.scheme.row_stages]
-
-
-def place_of(grid: Grid, time: float) -> tuple[int, int]:
-    """Element and row of the scheme of a collocation point."""
-    element = grid.element_of[time]
-    return element, grid.stage_times[element].index(time) - grid.scheme.row_stages.start
 
 
 def collocation_sums(
@@ -97,7 +77,7 @@ def collocation_sums(
     widths : list of float
         Of the elements, as far as they are numbers.
     """
-    places = [place_of(grid, time) for time in times]
+    places = [grid.row_places[time] for time in times]
     found = []
     for row, coefficients in enumerate(grid.scheme.D.tolist()):
         rows = [i for i, (_, of_row) in enumerate(places) if of_row == row]
@@ -116,21 +96,10 @@ def _weighted(coefficients: list[float], variables: list[list[Any]], place: int)
     return LinearExpression(linear_coefs=coefficients, linear_vars=[each[place] for each in variables])
 
 
-def continuity_rows(state: Mapping[float, Any], grid: Grid) -> Iterator[tuple[float, Any]]:
-    """Rows ``x_{i+1,0} = x_i(1)`` at each element end, for schemes whose last stage is not the end.
-
-    Yields
-    ------
-    (time, row) : tuple
-        The element end and ``(body, 0)``. Nothing where the end is a node.
-    """
-    if grid.scheme.end_is_a_node:
-        return
-    coefficients = [-1.0, *grid.scheme.end_weights.tolist()]
-    for i, nodes in enumerate(grid.node_times):
-        end = grid.mesh.boundaries[i + 1]
-        variables = [state[end], *(state[time] for time in nodes)]
-        yield end, (LinearExpression(linear_vars=variables, linear_coefs=coefficients), 0)
+def continuity_row(state: Mapping[float, Any], grid: Grid, element: int) -> Any:
+    """The row ``x_{i+1,0} = x_i(1)`` at the end of an element, for schemes whose last stage is not the end."""
+    variables = [state[grid.mesh.boundaries[element + 1]], *(state[time] for time in grid.node_times[element])]
+    return LinearExpression(linear_vars=variables, linear_coefs=[-1.0, *grid.scheme.end_weights.tolist()]), 0
 
 
 def can_step(scheme: Scheme) -> bool:

@@ -41,12 +41,12 @@ def data_at(m: Any, t: float) -> float:
 # What a rule returns, and whether it is a template.
 WRITINGS: dict[str, tuple[Callable[[Any, float], Any], bool]] = {
     "at every point": (lambda m, t: m.dx[t] == m.x[t] * m.u[t], True),
-    "the derivative on the right": (at_every_point, False),
+    "the derivative on the right": (at_every_point, True),
     "implicit": (implicit, True),
     "an inequality": (lambda m, t: m.x[t] ** 2 <= 4.0 - m.u[t], True),
     "not at the start": (skipped_at_start, True),
     "between the ends": (skipped_outside, True),
-    "a number": (lambda m, t: m.dx[t] == 1.0, False),
+    "a number": (lambda m, t: m.dx[t] == 1.0, True),
     "the time": (lambda m, t: m.dx[t] == m.x[t] * t, False),
     "one half": (lambda m, t: m.dx[t] == (m.x[t] if t < 0.5 else -m.x[t]), False),
     "a dictionary": (lambda m, t: m.dx[t] == m.x[t] * TABLE.get(t, 7.0), False),
