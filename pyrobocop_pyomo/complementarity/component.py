@@ -122,12 +122,12 @@ class ComplementarityData(ActiveComponentData):
         """Say which family the pair belongs to; pairs of one component with equal labels state the same."""
         self._family = self._hashable("family", label)
 
-    def _hashable(self, what: str, label: Hashable) -> Hashable:
+    def _hashable(self, role: str, label: Hashable) -> Hashable:
         try:
             hash(label)
         except TypeError:
             raise ComplementarityError(
-                f"'{self.name}': the {what} label {label!r} is not hashable. Use a number, a string or a tuple."
+                f"'{self.name}': the {role} label {label!r} is not hashable. Use a number, a string or a tuple."
             ) from None
         return label
 

@@ -388,11 +388,11 @@ class Crossed:
         elements: dict[Any, list[CanonicalPair]] = {}
         for pair in sorted(pairs, key=lambda pair: positions[pair.source.index()]):
             elements.setdefault(pair.group, []).append(pair)
-        found: list[tuple[CanonicalPair, CanonicalPair]] = []
+        factors: list[tuple[CanonicalPair, CanonicalPair]] = []
         for number, members in elements.items():
             longer = [*elements.get(number - 1, [])[-1:], *members]
-            found += itertools.product(*((longer, members) if left_end == "first" else (members, longer)))
-        return found
+            factors += itertools.product(*((longer, members) if left_end == "first" else (members, longer)))
+        return factors
 
     def _left_end_of(self, pair: CanonicalPair) -> str | None:
         return self.left_end(pair) if callable(self.left_end) else self.left_end

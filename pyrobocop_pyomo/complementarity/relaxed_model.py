@@ -55,7 +55,7 @@ def presolve(pairs: Sequence[LiftedPair], tolerance: float = 1e-7) -> list[SideV
         cannot be met.
     """
     intervals = ExpressionBounds()
-    found = []
+    zero_sides = []
     for pair in pairs:
         least_a, most_a = _range(pair.a, pair.pair.a, pair.pair.a_part, intervals)
         least_b, most_b = _range(pair.b, pair.pair.b, pair.pair.b_part, intervals)
@@ -73,10 +73,10 @@ def presolve(pairs: Sequence[LiftedPair], tolerance: float = 1e-7) -> list[SideV
                 f"{least_b:g}), but one has to be zero. Check the bounds and what is fixed."
             )
         if least_a > tolerance:
-            found.append(pair.b)
+            zero_sides.append(pair.b)
         elif least_b > tolerance:
-            found.append(pair.a)
-    return found
+            zero_sides.append(pair.a)
+    return zero_sides
 
 
 @contextmanager
@@ -209,7 +209,7 @@ def relaxed_model(model: Any, relaxation: Any, grouping: Any, delta: float) -> I
         yield RelaxedModel(model)
 
 
-def forget_removed(model: Any) -> None:
+def clean_suffixes(model: Any) -> None:
     """Take out of the user's suffixes what is no part of the model any more: rows that were generated and removed."""
     for suffix in model.component_objects(Suffix, active=True):
         # What was removed does not hold on to what it was in: that may be gone already.

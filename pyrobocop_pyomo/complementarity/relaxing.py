@@ -31,10 +31,10 @@ from .preconditions import (
     only_objective,
     refuse_disjuncts,
     refuse_foreign_token,
-    refuse_leaves,
-    refuse_nothing,
+    refuse_missing_pairs,
     refuse_second_delta,
     refuse_unusable,
+    refuse_unusable_leaves,
 )
 from .record import (
     BLOCK_NAME,
@@ -252,12 +252,12 @@ def relax(
     refuse_unusable(model)
     with PauseGC():
         sources = active_sources(model, targets)
-        refuse_nothing(model, sources, targets)
+        refuse_missing_pairs(model, sources, targets)
         refuse_second_delta(model)
         objective = _penalised(model) if isinstance(chosen, ObjectiveTerm) else None
         forms = [canonical_form(source) for source in sources]
         refuse_disjuncts(model, sources)
-        refuse_leaves(forms)
+        refuse_unusable_leaves(forms)
         record = new_record(delta, chosen, groups, bool(lift), objective)
         state_rows(record, model, forms)
         deactivate(sources)

@@ -356,7 +356,7 @@ class Coordination:
             values = {**reply, **values}
         return values
 
-    def go_on_from(self, states: Mapping[str, Mapping[str, Array]]) -> None:
+    def continue_from(self, states: Mapping[str, Mapping[str, Array]]) -> None:
         """Put agents into states that the engine gave, and see what their plans are there."""
         self.engine.restore(states)
         self.plans.update(self.engine.call_all("plan", dict.fromkeys(self.facts, ())))

@@ -61,7 +61,7 @@ class Request:
     arguments: bytes = b""
     with_state: bool = False
 
-    def calling(self, method: str, arguments: tuple[Any, ...], with_state: bool = False) -> Request:
+    def request_for(self, method: str, arguments: tuple[Any, ...], with_state: bool = False) -> Request:
         """The request to call a method."""
         packed_arguments = pickle.dumps(arguments, pickle.HIGHEST_PROTOCOL)
         return replace(self, method=method, arguments=packed_arguments, with_state=with_state)

@@ -528,7 +528,7 @@ def _key(library: IpoptLibrary, name: str, value: Any) -> tuple[str, ...]:
 
 def _set(library: IpoptLibrary, problem: int, name: str, value: Any) -> bool:
     known = _key(library, name, value)
-    for attempt in [_ACCEPTED[known]] if known in _ACCEPTED else readings(name, value):
+    for attempt in [_ACCEPTED[known]] if known in _ACCEPTED else possible_values(name, value):
         add = getattr(library.functions, _ADDED_BY[type(attempt)])
         if add(problem, name.encode(), attempt.encode() if isinstance(attempt, str) else attempt):
             _ACCEPTED[known] = attempt
@@ -536,7 +536,7 @@ def _set(library: IpoptLibrary, problem: int, name: str, value: Any) -> bool:
     return False
 
 
-def readings(name: str, value: Any) -> list[str | int | float]:
+def possible_values(name: str, value: Any) -> list[str | int | float]:
     """What the value of an option can mean to Ipopt, most literal first.
 
     Raises
@@ -548,7 +548,7 @@ def readings(name: str, value: Any) -> list[str | int | float]:
         return ["yes" if value else "no"]
     if isinstance(value, str):
         try:
-            return [value, *readings(name, float(value))]
+            return [value, *possible_values(name, float(value))]
         except ValueError:
             return [value]
     if isinstance(value, numbers.Real):

@@ -231,11 +231,11 @@ class RigidBody(ABC):
         """Declare the pose but for a rotation in space; that, and a guess of all velocities."""
         names = self.shape.names
         check_free(phase, *names.position, *names.orientation, *names.twist, *_QUATERNION, *_RULES)
-        for what, pose in (("start", start), ("goal", goal)):
+        for end, pose in (("start", start), ("goal", goal)):
             if pose is not None and len(pose) != len(names.twist):
                 angle = "an angle" if self.shape.names is PLANE else "a rotation vector"
                 raise ModelError(
-                    f"phase '{phase.name}': {what} = {pose!r}; expected {len(names.twist)} entries, a position and "
+                    f"phase '{phase.name}': {end} = {pose!r}; expected {len(names.twist)} entries, a position and "
                     f"{angle}."
                 )
         turn = None if names is PLANE else _Turn(phase, start, goal)

@@ -120,13 +120,13 @@ class PhysicalScore(Presented):
 
     def misses(self, level: str) -> list[str]:
         """The numbers that miss the limits of "strict" or "practical"; each as ``'label: value unit (limit)'``."""
-        found = []
+        misses = []
         for entry in fields(self):
             value, limit, row = getattr(self, entry.name), entry.metadata[level], entry.metadata
             # A number that is not a number keeps no limit.
             if limit is not None and not (value > limit if entry.name == "distance" else value < limit):
-                found.append(f"{row['label']} ({row['whose']}): {value:.3g} {row['unit']} (limit {limit:g})")
-        return found
+                misses.append(f"{row['label']} ({row['whose']}): {value:.3g} {row['unit']} (limit {limit:g})")
+        return misses
 
     def __str__(self) -> str:
         word = "strict" if self.strict else "practical" if self.practical else "not physically valid"

@@ -322,11 +322,11 @@ class _Proof:
         p_curvature, q_curvature = p.curvature_bounds(normals), q.curvature_bounds(normals)
         rising = (length * required.lowest_curvature)[:, None, None]
         curvature = np.maximum(p_curvature.high[:, :, None] - q_curvature.low[:, None, :] - rising, 0.0)
-        asked = [(length * at)[:, None, None] for at in (required.at_start, required.at_end, required.highest)]
-        chord = np.minimum(ends[0] - asked[0], ends[1] - asked[1]) - p.deviation_factor[:, None, None] * curvature
+        offsets = [(length * at)[:, None, None] for at in (required.at_start, required.at_end, required.highest)]
+        chord = np.minimum(ends[0] - offsets[0], ends[1] - offsets[1]) - p.deviation_factor[:, None, None] * curvature
         # Where second derivatives are unbounded, values may still be bounded: a root that starts at zero, for example.
         values = p.value_bounds(normals).low[:, :, None] - q.value_bounds(normals).high[:, None, :]
-        gap = np.fmax(chord, values - asked[2]).min(axis=(1, 2))
+        gap = np.fmax(chord, values - offsets[2]).min(axis=(1, 2))
         # A normal that is not quite orthogonal to a ray loses the angle times the size of the scene.
         leaning = np.maximum(-p.ray_bounds(normals).low.min(axis=1, initial=0.0), 0.0)
         leaning = np.maximum(leaning, q.ray_bounds(normals).high.max(axis=1, initial=0.0))

@@ -17,7 +17,7 @@ import numpy as np
 from pyomo.core.base.constraint import Constraint
 
 from pyrobocop_pyomo.errors import PyRobocopError, TrajectoryError
-from pyrobocop_pyomo.links.tied_starts import ties_of
+from pyrobocop_pyomo.links.linked_initial_states import linked_initial_state
 from pyrobocop_pyomo.modeling.blocks import BuiltBlockData
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Array
@@ -101,7 +101,7 @@ def replayed_motion(
     phases = list(
         {id(home): home for of in components if isinstance(home := of.parent_block(), PhaseBlockData)}.values()
     )
-    found: dict[int, Reintegration] = {}
+    reintegrations: dict[int, Reintegration] = {}
     why, count = "", len(motion.intervals)
     if alone:
         why = NO_EQUATIONS
@@ -109,7 +109,7 @@ def replayed_motion(
         why = PLAN_ALONE
     elif any(map(_states_equations, phases)):  # elsewhere whatever moves a body is chosen: there is only the plan
         try:
-            found = {id(phase): reintegrated(phase) for phase in phases}
+            reintegrations = {id(phase): reintegrated(phase) for phase in phases}
         except PyRobocopError as error:
             why = str(error)
     elif not phases and _rows_move(components):
@@ -117,14 +117,14 @@ def replayed_motion(
     if why:
         unknown = {part.name: np.full(count, np.nan) for part, _ in moving}
         return EquationsMotion(count, unknown, why_unknown=why)
-    apart = {id(of): _differences(of, found, count) for _, of in moving if found}
+    apart = {id(of): _differences(of, reintegrations, count) for _, of in moving if reintegrations}
     deviation = {}
-    for part, of in moving if found else ():
+    for part, of in moving if reintegrations else ():
         with np.errstate(all="ignore"):
             largest = BETWEEN_INSTANTS * part.displacements(apart[id(of)]).reshape(count, -1).max(axis=1)
         deviation[part.name] = np.where(np.isfinite(largest), largest, np.inf)
-    how = "; ".join(dict.fromkeys(reintegration.how for reintegration in found.values()))
-    return EquationsMotion(count, deviation, how, _why_not_everywhere(phases, components, bool(found)))
+    how = "; ".join(dict.fromkeys(reintegration.how for reintegration in reintegrations.values()))
+    return EquationsMotion(count, deviation, how, _why_not_everywhere(phases, components, bool(reintegrations)))
 
 
 def reintegrated(phase: Any, after: tuple[Any, ...] = ()) -> Reintegration:
@@ -145,7 +145,7 @@ def reintegrated(phase: Any, after: tuple[Any, ...] = ()) -> Reintegration:
         When its motion, or where it starts, is not known.
     """
     following = (phase, *after)
-    ties = ties_of(phase)
+    ties = linked_initial_state(phase)
     led = []
     for other in ties.before:
         if any(other is known for known in following):
@@ -178,7 +178,7 @@ def needed_reductions(phase: Any, reduction: float, after: tuple[Any, ...] = ())
         When its motion, or where it starts, is not known.
     """
     following = (phase, *after)
-    before = [other for other in ties_of(phase).before if not any(other is of for of in following)]
+    before = [other for other in linked_initial_state(phase).before if not any(other is of for of in following)]
     if not before:
         return [(phase, reduction)]
     own, led = _states(phase), reintegrated(phase, after)
@@ -222,16 +222,16 @@ def _refuse_far_companion(phase: Any, other: Any) -> None:
             )
 
 
-def _led(planned: Trajectory, found: Reintegration) -> Trajectory:
+def _led(planned: Trajectory, reintegration: Reintegration) -> Trajectory:
     """The trajectory of a plan with the states that its equations lead to."""
-    assert found.open_loop is not None
+    assert reintegration.open_loop is not None
     states = {name: values.copy() for name, values in planned.states.items()}
     for name, values in states.items():
-        away = found.open_loop[name] - found.planned[name]
+        away = reintegration.open_loop[name] - reintegration.planned[name]
         for nodes, difference in zip(planned.grid.node_positions, away, strict=True):
             fractions = planned.grid.scheme.state_nodes
-            values[nodes] = planned.states[name][nodes] + np.interp(fractions, found.fractions, difference)
-        values[-1] = found.open_loop[name][-1, -1]
+            values[nodes] = planned.states[name][nodes] + np.interp(fractions, reintegration.fractions, difference)
+        values[-1] = reintegration.open_loop[name][-1, -1]
     return replace(planned, states=states)
 
 
@@ -245,16 +245,16 @@ def _states_equations(phase: Any) -> bool:
     return False
 
 
-def _differences(template: SignalFormulas, found: Mapping[int, Any], intervals: int) -> Array:
+def _differences(template: SignalFormulas, reintegrations: Mapping[int, Any], intervals: int) -> Array:
     """Entries of the pose by the equations less those of the plan, shape ``(intervals * k, entries)``."""
     # Each phase is looked at where its own rules ask for it.
-    fractions = np.unique(np.concatenate([reintegration.fractions for reintegration in found.values()]))
+    fractions = np.unique(np.concatenate([reintegration.fractions for reintegration in reintegrations.values()]))
     interval, fraction = np.repeat(np.arange(intervals), len(fractions)), np.tile(fractions, intervals)
     planned = {slot: signal.values(interval, fraction) for slot, signal in template.signals.items()}
     led = dict(planned)
     for slot, signal in template.signals.items():
         home = None if signal.component is None else signal.component.parent_block()
-        reintegration = found.get(id(home))
+        reintegration = reintegrations.get(id(home))
         if reintegration is None:
             continue
         states = reintegration.open_loop
@@ -299,7 +299,7 @@ def _why_not_everywhere(phases: Iterable[Any], components: Collection[Any], are_
     """What the integration of phases, and of those before them, may not have seen, and where bodies jump."""
     pending = list(phases)
     for phase in pending:
-        ties = ties_of(phase)
+        ties = linked_initial_state(phase)
         pending += [other for other in ties.before if not any(other is of for of in pending)]
         for component in (of for of in components if of.parent_block() is phase):
             start = component[phase.initial_time]

@@ -223,14 +223,14 @@ class RequiredClearance:
         return RequiredBounds(at_start, at_end, np.fmin(above + rounding, form.value.high), low)
 
 
-def required_clearance(motion: Motion, asked: Any, pair: tuple[str, str]) -> RequiredClearance:
+def required_clearance(motion: Motion, clearance: Any, pair: tuple[str, str]) -> RequiredClearance:
     """The clearance of a body pair at the current values of the model.
 
     Parameters
     ----------
     motion : Motion
         With intervals.
-    asked : number, Param, Var, expression or callable
+    clearance : number, Param, Var, expression or callable
         A rule is called as ``rule(block, t)``, like that of a pose.
     pair : (str, str)
         Names of the two bodies, for messages.
@@ -240,9 +240,9 @@ def required_clearance(motion: Motion, asked: Any, pair: tuple[str, str]) -> Req
     ObstacleError
         Naming the body pair, where the clearance has no value or cannot be followed between the nodes.
     """
-    what = clearance_text(pair)
-    if not is_clearance_rule(asked):
-        return RequiredClearance(what, clearance_value(asked, what))
-    rule = clearance_along(motion, asked, pair)
-    least = min(clearance_value(rule.at_node(node), f"{what} at t = {node:g}") for node in motion.nodes)
-    return RequiredClearance(what, least, SignalFormulas(rule))
+    text = clearance_text(pair)
+    if not is_clearance_rule(clearance):
+        return RequiredClearance(text, clearance_value(clearance, text))
+    rule = clearance_along(motion, clearance, pair)
+    least = min(clearance_value(rule.at_node(node), f"{text} at t = {node:g}") for node in motion.nodes)
+    return RequiredClearance(text, least, SignalFormulas(rule))

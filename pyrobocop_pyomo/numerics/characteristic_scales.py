@@ -89,12 +89,12 @@ def variable_scales(known: Array, entries: GroupedEntries) -> Array:
         largest = np.zeros(entries.own.size)
         np.maximum.at(largest, row_group[there], terms[there])
         told = ~there & (largest[row_group] > 0.0)
-        found = np.full(scales.size, np.inf)
-        np.minimum.at(found, column_group[told], largest[row_group[told]] / sizes[told])
-        new = np.isnan(scales) & np.isfinite(found)
+        smallest = np.full(scales.size, np.inf)
+        np.minimum.at(smallest, column_group[told], largest[row_group[told]] / sizes[told])
+        new = np.isnan(scales) & np.isfinite(smallest)
         if not new.any():
             break
-        scales[new] = found[new]
+        scales[new] = smallest[new]
     return scales
 
 

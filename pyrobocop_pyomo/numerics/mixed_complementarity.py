@@ -159,14 +159,14 @@ def solve_mixed_complementarity(
             if best.solved:
                 break
             for point in way(problem, begin, tolerance):
-                found = _judged(problem, point, tolerance)
-                best = found if found.residual < best.residual else best
+                solution = _judged(problem, point, tolerance)
+                best = solution if solution.residual < best.residual else best
                 if best.solved:
                     break
     if best.solved and thorough:  # one more step: what was solved to a tolerance is usually solved to rounding next
         refined = next(_by_newton(problem, best.point, 0.0), best.point)
-        found = _judged(problem, refined, tolerance)
-        best = found if found.residual < best.residual else best
+        solution = _judged(problem, refined, tolerance)
+        best = solution if solution.residual < best.residual else best
     return best
 
 

@@ -159,11 +159,11 @@ class _Spline(Function):
         last = len(knots) - 2
         first_piece = np.clip(np.searchsorted(knots, low, side="right") - 1, 0, last)
         last_piece = np.clip(np.searchsorted(knots, high, side="left") - 1, first_piece, last)
-        found = [self._bounds_on(first_piece, low - rounding, high + rounding)]
+        bounds_of_pieces = [self._bounds_on(first_piece, low - rounding, high + rounding)]
         for further in range(1, int((last_piece - first_piece).max(initial=0)) + 1):
             piece = np.minimum(first_piece + further, last_piece)
-            found.append(self._bounds_on(piece, low - rounding, high + rounding))
-        values, slopes, curvatures = (list(of) for of in zip(*found, strict=True))
+            bounds_of_pieces.append(self._bounds_on(piece, low - rounding, high + rounding))
+        values, slopes, curvatures = (list(of) for of in zip(*bounds_of_pieces, strict=True))
         beyond = np.minimum(low + rounding - knots[0], 0.0), np.maximum(high - rounding - knots[-1], 0.0)
         is_beyond = (beyond[0] < 0.0) | (beyond[1] > 0.0)
         rests = _where(is_beyond, 0.0, 0.0)

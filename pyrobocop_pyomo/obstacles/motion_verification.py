@@ -25,7 +25,7 @@ from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.templates.slots import Item
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .scene import BodyPair, asked_clearances, make_scene, named_bodies
+from .scene import BodyPair, make_scene, named_bodies, required_clearances
 
 # -------------------------------------------------------------------------------------- motions that come from no model
 
@@ -78,16 +78,16 @@ def read_path(given: Any, times: Array, dimension: int, name: str) -> SampledPat
     ObstacleError
         Naming the body and the row.
     """
-    what = f"the poses of '{name}'"
-    poses = _poses(given, dimension, name, what)
+    label = f"the poses of '{name}'"
+    poses = _poses(given, dimension, name, label)
     if len(poses) != len(times):
-        raise ObstacleError(f"{what}: {len(poses)} poses for {len(times)} times; give one pose for each time.")
+        raise ObstacleError(f"{label}: {len(poses)} poses for {len(times)} times; give one pose for each time.")
     rotations, positions = (np.array(of) for of in zip(*(pose.numbers() for pose in poses), strict=True))
     path = _planar(positions, rotations) if dimension == 2 else _spatial(positions, rotations)
     half = np.flatnonzero(np.abs(np.diff(path.angles, axis=1)) >= np.pi - _ROTATION_ERROR)
     if len(half):
         raise ObstacleError(
-            f"{what}: from row {half[0]} to row {half[0] + 1} the body turns by half a turn, and both ways are "
+            f"{label}: from row {half[0]} to row {half[0] + 1} the body turns by half a turn, and both ways are "
             "equally short. Give poses in between."
         )
     return path
@@ -365,7 +365,7 @@ def verify_motion(
                 "belongs to obstacles=."
             )
     scene = make_scene(_WHAT, bodies=moving, obstacles=beside, body_pairs=body_pairs, exclude=tuple(exclude))
-    clearances = asked_clearances(_WHAT, scene.clearances, scene.bodies, clearance)
+    clearances = required_clearances(_WHAT, scene.clearances, scene.bodies, clearance)
     return verify_clearance(motion, scene.bodies, clearances, tolerance=tolerance)
 
 

@@ -54,7 +54,7 @@ def add_poses(record: AvoidanceRecord, motion: Motion, segments: Iterable[Motion
     bodies = record.scene.bodies
     rules = {name: pose_along(motion, body.pose, name) for name, body in bodies.items() if body.moves}
     rules_of_pairs = {
-        pair: clearance_along(motion, asked, pair) for pair, asked in record.asked.items() if is_clearance_rule(asked)
+        pair: clearance_along(motion, rule, pair) for pair, rule in record.clearances.items() if is_clearance_rule(rule)
     }
     for segment in segments:
         pair = record.body_pair(segment)
@@ -100,7 +100,7 @@ def add_separation(block: Any, record: AvoidanceRecord, segment: MotionSegment) 
     offset = block.offset.add(index)
     # What a rule asks for at other times than the first grows one of the shapes that move.
     rising = None
-    if is_clearance_rule(record.asked[pair]):
+    if is_clearance_rule(record.clearances[pair]):
         rising = second if scene.is_static(first.body) else first
     for name, rows, part, height in (
         ("first", block.first_shape, first, offset + block.required[index]),
@@ -118,7 +118,7 @@ def add_separation(block: Any, record: AvoidanceRecord, segment: MotionSegment) 
             else:
                 shape = part.shape
                 direction = [
-                    block.turned_normal.add((name, *place, axis), entry)
+                    block.rotated_normal.add((name, *place, axis), entry)
                     # R'n: the direction in the frame of the body
                     for axis, entry in enumerate(dot(column, normal) for column in zip(*pose.rotation, strict=True))
                 ]
@@ -141,7 +141,7 @@ def remove_separations(block: Any, record: AvoidanceRecord, segments: Iterable[M
 
 
 @contextmanager
-def members_taken_off(block: Any) -> Iterator[list[Any]]:
+def without_separations(block: Any) -> Iterator[list[Any]]:
     """Take the variables and rows of all separations off the block for a while, as for a copy; yields them.
 
     What the broad phase has left out is off the record meanwhile: a copy for other times makes its own.

@@ -77,13 +77,13 @@ class ModelCheck:
         """
         of_rows, of_variables = self._row_violations(), self._bounded.violations()
         of_relations = [relation_violation(relation, unknown=float("inf")) for relation in self._relations]
-        found = [
+        per_rows = [
             (of_rows, self._largest_relative(of_rows)),
             (of_variables, of_variables / self._bounded.sizes()),
             (np.array(of_relations), np.array(of_relations)),
         ]
         worst, relative = (
-            max(float(each.max(initial=0.0)) for each in several) for several in zip(*found, strict=True)
+            max(float(each.max(initial=0.0)) for each in several) for several in zip(*per_rows, strict=True)
         )
         return worst, relative
 
@@ -140,7 +140,7 @@ class SideSizes:
         # Below, a side is zero and not small: what a relaxation leaves of it.
         return np.where(sizes < MET, 1.0, np.minimum(sizes, 1.0))
 
-    def too_small(self, sides: NDArray[np.float64], tolerance: float) -> NDArray[np.bool_]:
+    def are_too_small(self, sides: NDArray[np.float64], tolerance: float) -> NDArray[np.bool_]:
         """The pairs that are met if their sides are zero, and are not if these are small, shape (pairs,).
 
         Parameters

@@ -16,7 +16,7 @@ from pyrobocop_pyomo.errors import ModelError, PyRobocopError
 from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
 from pyrobocop_pyomo.modeling.variable_values import VariableValues, within_bounds
 from pyrobocop_pyomo.obstacles import ObstacleAvoidanceBlockData
-from pyrobocop_pyomo.obstacles.separation_rows import members_taken_off
+from pyrobocop_pyomo.obstacles.separation_rows import without_separations
 from pyrobocop_pyomo.phases import Control, PhaseBlockData, State, phases_of
 from pyrobocop_pyomo.phases.phase_values import PhaseValues
 from pyrobocop_pyomo.phases.remeshing import put_on_meshes, why_not_remeshed
@@ -215,7 +215,7 @@ def _copy_for_other_times(model: Any, phases: Iterable[Any]) -> Any:
     blocks = [block for block in blocks_of_kind(model, ObstacleAvoidanceBlockData) if block.stands_on(times)]
     copied: dict[int, Any] = {}
     with ExitStack() as stack:
-        left_out = [part for block in blocks for part in stack.enter_context(members_taken_off(block))]
+        left_out = [part for block in blocks for part in stack.enter_context(without_separations(block))]
         copy = model.clone(copied)
     return model.clone() if any(id(part) in copied for part in left_out) else copy
 

@@ -239,12 +239,12 @@ def covariance_of(matrix: Array, variance: float = 1.0) -> Array:
     _, values, right = np.linalg.svd(matrix / sizes, full_matrices=len(matrix) < len(sizes))
     rank = int((values > NEGLIGIBLE * values.max(initial=1e-300)).sum())
     root = (right[:rank].T / values[:rank]) / sizes[:, None]
-    found: Array = variance * root @ root.T
+    covariance: Array = variance * root @ root.T
     # An unknown that takes part in a combination that is not seen may be anything.
     unseen = np.flatnonzero(np.abs(right[rank:]).max(axis=0, initial=0.0) > 1e-6)
-    found[unseen, :] = found[:, unseen] = np.nan
-    found[unseen, unseen] = np.inf
-    return found
+    covariance[unseen, :] = covariance[:, unseen] = np.nan
+    covariance[unseen, unseen] = np.inf
+    return covariance
 
 
 def quantile(level: float, freedom: int | None) -> float:

@@ -238,11 +238,11 @@ class MovingHorizon:
             program.compiled.load_point(start)
         self._hold_ahead()
         places = self._places_at(self._newest)
-        found = dict(zip(self._names, [cost.variables[place].value for place in places], strict=True))
-        states = {name: found.pop(name) for name in self._states}
+        estimates = dict(zip(self._names, [cost.variables[place].value for place in places], strict=True))
+        states = {name: estimates.pop(name) for name in self._states}
         made = self._linearised(self._newest, places)
         seconds = time.perf_counter() - started
-        return HorizonEstimate(states, found, outcome.status, outcome.iterations, seconds, lambda: made()[1])
+        return HorizonEstimate(states, estimates, outcome.status, outcome.iterations, seconds, lambda: made()[1])
 
     def add(
         self, measured: Mapping[str, float | None] | None = None, inputs: Mapping[str, float] | None = None
@@ -371,27 +371,27 @@ class MovingHorizon:
                 "number of samples in the window."
             )
 
-    def _numbers(self, what: str, given: Mapping[str, float], names: Sequence[str]) -> Array:
+    def _numbers(self, label: str, given: Mapping[str, float], names: Sequence[str]) -> Array:
         """Numbers by name as an array, NaN where one is missing."""
         for name in given:
             if name not in names:
                 raise EstimationError(
-                    f"{self._what}: {what} has '{name}'; expected are {', '.join(names) or 'no names'}."
+                    f"{self._what}: {label} has '{name}'; expected are {', '.join(names) or 'no names'}."
                 )
         try:
             return np.array([float(given.get(name, np.nan)) for name in names])
         except (TypeError, ValueError):
-            raise EstimationError(f"{self._what}: {what} is {given!r}; expected a number for each name.") from None
+            raise EstimationError(f"{self._what}: {label} is {given!r}; expected a number for each name.") from None
 
     def _deviations(
-        self, what: str, given: Mapping[str, float], names: Sequence[str], *, all_of_them: bool = False
+        self, label: str, given: Mapping[str, float], names: Sequence[str], *, all_of_them: bool = False
     ) -> Array:
-        numbers = self._numbers(what, given, names)
+        numbers = self._numbers(label, given, names)
         wanted = [names.index(name) for name in (names if all_of_them else given)]
         for place in wanted:
             if not 0.0 < numbers[place] < np.inf:
                 raise EstimationError(
-                    f"{self._what}: {what} of '{names[place]}' is {given.get(names[place])}; expected a standard "
+                    f"{self._what}: {label} of '{names[place]}' is {given.get(names[place])}; expected a standard "
                     "deviation, a positive number."
                 )
         return numbers[wanted]

@@ -272,14 +272,14 @@ def _labelled_copy(given: Any) -> Any:
 
 def _unknowns_of(model: Any) -> list[Any]:
     """The variables that are labelled as unknown, freed."""
-    found: list[Any] = []
+    unknowns: list[Any] = []
     for component in model.unknown_parameters:
-        found += component.values() if component.is_indexed() else [component]
-    for variable in found:
+        unknowns += component.values() if component.is_indexed() else [component]
+    for variable in unknowns:
         if variable.value is None:
             raise EstimationError(f"'{variable.name}': has no value to start from. Give it an initial guess.")
         variable.unfix()
-    return found
+    return unknowns
 
 
 def _rows(model: Any, number: int) -> list[tuple[Any, ...]]:

@@ -238,13 +238,13 @@ def _kkt(
     probe = np.append(np.random.default_rng(0).normal(size=free.size), np.zeros(active.size))
     try:
         solve = _augmented_solver(hessian, jacobian[:, free])
-        found = solve(probe)
+        response = solve(probe)
     except RuntimeError:  # SciPy's way to say: exactly singular
-        found = np.array([np.inf])
-    if not np.abs(found).max() <= 1e12 * np.abs(probe).max():
+        response = np.array([np.inf])
+    if not np.abs(response).max() <= 1e12 * np.abs(probe).max():
         where = ""
-        if found.size > 1 and np.isfinite(found).all():
-            order = np.argsort(-np.abs(found[: free.size]))[:3]
+        if response.size > 1 and np.isfinite(response).all():
+            order = np.argsort(-np.abs(response[: free.size]))[:3]
             where = f", among them along {_names(constraints, constraints.nlp.m + free[order])}"
         raise EvaluationError(
             "the solution is not unique: there is a direction in which the active constraints and the Lagrangian are "

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.contrib.robots.sampled_path import FINE, courses
+from pyrobocop_pyomo.contrib.robots.sampled_path import FINE, functions_of_time_index
 from pyrobocop_pyomo.errors import InitialGuessError
 from pyrobocop_pyomo.modeling.variable_values import within_bounds
 from pyrobocop_pyomo.numerics import Array, Indices
@@ -140,7 +140,7 @@ class CarPath(Presented):
             "acceleration": accelerations,
             "steering_rate": np.gradient(steering, moments),
         }
-        return courses(phase, {name: of_path[quantity] for quantity, name in known.items()}) | duration
+        return functions_of_time_index(phase, {name: of_path[quantity] for quantity, name in known.items()}) | duration
 
     def over_phase(self, phase: Any, timing: CarTiming) -> tuple[Array, Array, Array, Array, Array, dict[str, Any]]:
         """The path over the duration of a phase; a free duration becomes that of the timing, moved into its bounds.
@@ -266,13 +266,13 @@ class CarTiming(Presented):
 
 def _names(phase: Any, names: Mapping[str, str] | None) -> dict[str, str]:
     if names is None:
-        found = {quantity: quantity for quantity in QUANTITIES if phase.component(quantity) is not None}
-        if not found:
+        quantities = {quantity: quantity for quantity in QUANTITIES if phase.component(quantity) is not None}
+        if not quantities:
             raise InitialGuessError(
                 f"phase '{phase.name}' has none of {', '.join(QUANTITIES)}. Say what it calls them: "
                 "names={'x': 'position_x', ...}."
             )
-        return found
+        return quantities
     for quantity, name in names.items():
         if quantity not in QUANTITIES:
             raise InitialGuessError(

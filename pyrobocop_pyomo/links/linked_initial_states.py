@@ -28,7 +28,7 @@ Led = Sequence[tuple[Any, Trajectory]]
 
 
 @dataclass(frozen=True, eq=False)
-class StartTies:
+class LinkedInitialState:
     """The rows that tie the start of a phase to the motions of others.
 
     Attributes
@@ -74,19 +74,19 @@ class StartTies:
         with put_on_model(led):
             if not broken(rows):
                 return {}
-        what = f"phase '{self.phase.name}'"
-        found = solved_start(what, self.phase, self.rows, self.unknowns, led)
+        label = f"phase '{self.phase.name}'"
+        start = solve_start(label, self.phase, self.rows, self.unknowns, led)
         with values_restored(self.unknowns), put_on_model(led):
-            for variable, number in zip(self.unknowns, found, strict=True):
+            for variable, number in zip(self.unknowns, start, strict=True):
                 variable.set_value(number, skip_validation=True)
             if first := broken(self.conditions):
-                raise ModelError(f"{what}: '{first[0]}' does not hold after the motion of the phases before it.")
+                raise ModelError(f"{label}: '{first[0]}' does not hold after the motion of the phases before it.")
         names = {id(variable): name for name, variable in _starts(self.phase).items()}
-        numbers = zip(self.unknowns, found, strict=True)
+        numbers = zip(self.unknowns, start, strict=True)
         return {names[id(variable)]: number for variable, number in numbers if id(variable) in names}
 
 
-def ties_of(phase: Any) -> StartTies:
+def linked_initial_state(phase: Any) -> LinkedInitialState:
     """All rows that tie the start of a phase to the motions of others.
 
     A row that reads later states of the phase as well, as a budget of all phases does, says nothing about its start
@@ -94,7 +94,7 @@ def ties_of(phase: Any) -> StartTies:
     """
     others = other_phases(phase)
     if not others:
-        return StartTies(phase)
+        return LinkedInitialState(phase)
     starts = {id(variable): variable for variable in _starts(phase).values()}
     entries = {*starts, *(id(phase.component(name)) for name in phase.record.names(Parameter))}
     homes = {id(other) for other in (phase, *others)}
@@ -123,7 +123,7 @@ def ties_of(phase: Any) -> StartTies:
         rows, in_rows = {}, {}
     equations = variables_in_any(rate for name in phase.record.rates for rate in phase.record.rates[name].values())
     of_start = [*in_rows.values(), *(v for _, of in conditions for v in of)]
-    return StartTies(
+    return LinkedInitialState(
         phase,
         tuple(other for other in others if _later_states(of_start, [other])),
         tuple(other for other in others if _later_states(equations.values(), [other])),
@@ -133,7 +133,7 @@ def ties_of(phase: Any) -> StartTies:
     )
 
 
-def solved_start(label: str, phase: Any, rows: Collection[Any], unknowns: Collection[Any], led: Led) -> list[float]:
+def solve_start(label: str, phase: Any, rows: Collection[Any], unknowns: Collection[Any], led: Led) -> list[float]:
     """Values of the unknowns at the start of a phase by equations, after given motions of the phases that these read.
 
     Raises
