@@ -21,7 +21,7 @@ from .statement import Complements
 
 
 def index_without_time(index: Any) -> Any:
-    """What is left of an index without its first part, which is the time in a phase and usually elsewhere."""
+    """An index without its first part, which is the time in a phase and usually elsewhere."""
     return index[1:] if isinstance(index, tuple) else ()
 
 

@@ -115,7 +115,7 @@ def _range(side: SideVariable, expression: Any, part: SidePart, intervals: Expre
 
 @dataclass(eq=False)
 class RelaxedModel:
-    """What was generated for the pairs of a model.
+    """The generated variables and rows for the pairs of a model.
 
     Attributes
     ----------
@@ -176,7 +176,7 @@ class RelaxedModel:
         return self.block is not None and has_penalty(self.model)
 
     def start_lifted(self) -> None:
-        """Give generated variables the values of what they stand for."""
+        """Give generated variables the values of their sides."""
         for lifted in self.lifted:
             for side, number in zip((lifted.a, lifted.b), side_values(lifted.pair, unknown=0.0), strict=True):
                 if side.variable.parent_block() is self.block:
@@ -185,7 +185,7 @@ class RelaxedModel:
 
 @contextmanager
 def relaxed_model(model: Any, relaxation: Any, grouping: Any, delta: float) -> Iterator[RelaxedModel]:
-    """Relax what is not relaxed yet and decide what bounds decide; afterwards the model is as it was.
+    """Relax the pairs that are not relaxed yet, and decide pairs by bounds; afterwards the model is as it was.
 
     A relaxation that the user has applied is used and kept.
     """
@@ -210,7 +210,7 @@ def relaxed_model(model: Any, relaxation: Any, grouping: Any, delta: float) -> I
 
 
 def clean_suffixes(model: Any) -> None:
-    """Take out of the user's suffixes what is no part of the model any more: rows that were generated and removed."""
+    """Take generated rows that were removed out of the user's suffixes."""
     for suffix in model.component_objects(Suffix, active=True):
         # What was removed does not hold on to what it was in: that may be gone already.
         keys = [key for key in suffix if key is not None]

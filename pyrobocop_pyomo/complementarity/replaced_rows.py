@@ -1,4 +1,4 @@
-"""Transformations that put other rows in place of the user's, reversibly, and what they have in common.
+"""Transformations that put other rows in place of the user's, reversibly, and their common parts.
 
 `pyrobocop.absolute_values_to_complementarity` makes two parts of each absolute value: what a product says by its
 factors, and where it is zero or smooth, is found by structure. `pyrobocop.complementarity_to_disjunctions` makes
@@ -184,7 +184,7 @@ def _record_of(block: Any) -> ReplacementRecord:
 
 @dataclass
 class _Part:
-    """What is known of one absolute value.
+    """Facts about one absolute value.
 
     Attributes
     ----------
@@ -243,7 +243,7 @@ class AbsoluteValuesToComplementarity(RowReplacement):
 
     Option of ``apply_to`` and ``create_using``: ``targets`` (blocks, constraints, objectives, or single ones of them;
     default all). Rows and objectives keep their names and get another expression; those in disjuncts are left alone.
-    The parts start at those of the values on the model.
+    The parts start at the parts of the values on the model.
     """
 
     kinds = (Constraint, Objective)
@@ -387,7 +387,7 @@ class ComplementarityToDisjunctions(RowReplacement):
 
     Nothing is relaxed: with linear sides and a convex objective the answer is global. A range ``l <= F <= u ⟂ H``
     becomes ``[F == l, H >= 0] v [F == u, H <= 0] v [H == 0]``. Apply ``gdp.bigm`` or ``gdp.hull`` afterwards: they take
-    bounds of the sides from those of the variables. Discrete variables are welcome in a side.
+    bounds of the sides from the bounds of the variables. Discrete variables are welcome in a side.
 
     Option of ``apply_to`` and ``create_using``: ``targets`` (blocks, components or single pairs; default all). The
     pairs are deactivated and never changed. Revert before a reformulation such as ``gdp.bigm``, which has no way back,

@@ -32,7 +32,7 @@ def check_sides(first: Any, second: Any, choices: tuple[str | None, str | None],
     """Refuse sides that can never make a statement, whatever the bounds and parameters will be when it is used.
 
     Refused are objects that are not sides, two equalities, two relations with two bounds, and sides without a bound.
-    The parameters are those of `forms.form_of`; the name of the pair is read only when a message is written.
+    The parameters are the same as in `forms.form_of`; the name of the pair is read only when a message is written.
     """
     check_side(first, choices[0], pair)
     check_side(second, choices[1], pair)

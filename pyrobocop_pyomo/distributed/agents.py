@@ -133,7 +133,7 @@ class KeepApart:
     neighbours: int = 3
 
     def __post_init__(self) -> None:
-        """Refuse what is no distance."""
+        """Refuse a number that is no distance."""
         object.__setattr__(self, "components", tuple(self.components))
         if not self.components:
             raise TeamError("KeepApart: name the coordinates of a robot's position, such as ('me.x', 'me.y').")

@@ -214,7 +214,7 @@ class LocalProblem:
         )
 
     def state(self) -> dict[str, Array]:
-        """Everything that a later solve depends on, as arrays."""
+        """The state that a later solve depends on, as arrays."""
         state = self.nlp.state
         start = np.array(list(self.start_states().values()))  # a plan that was moved ahead starts elsewhere
         if state is None:
@@ -264,7 +264,7 @@ class LocalProblem:
         Parameters
         ----------
         start : mapping of component name to float
-            Where the states are now, as `start_states` names them; those of other agents are left out.
+            Where the states are now, as `start_states` names them; states of other agents are left out.
         elements : int
         multipliers : float array, shape (n,), optional
             Of the agreement on the shared values.

@@ -31,7 +31,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class Team:
-    """Agents with models of their own, and what they share.
+    """Agents with models of their own, and their shared quantities.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class Team:
 
     Notes
     -----
-    The names of components in a `Shared` are those of the agents' own models. What one robot shares with the hub alone
+    A `Shared` names components as the agents' own models do. What one robot shares with the hub alone
     is named with ``{robot}``.
 
     References
@@ -245,7 +245,7 @@ class Team:
 
 
 def _built_with_zeros(agent: Agent, components: Sequence[str]) -> Any:
-    """Build an agent's model and hold what is named at zero."""
+    """Build an agent's model and hold the named quantities at zero."""
     alone = merge_agents([agent], ())
     for name in components:
         for variable in variables_behind(alone.find(name)):

@@ -52,7 +52,7 @@ class TeamResult(Presented):
     objective : float
         Sum of the agents' objectives for the plans.
     closings : sequence of ClosedPlan
-        What the closing steps gave; the plans are those of the last one where it is the best.
+        The results of the closing steps; the plans come from the last one where it is the best.
     physics : object or None
         What scored the plans.
     keep_apart : KeepApart or None

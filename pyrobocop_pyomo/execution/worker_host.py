@@ -134,7 +134,7 @@ class WorkerHost:
         self._agents: dict[str, tuple[int, Any]] = {}  # with the number of the state that each is in
 
     def answer(self, request: Request) -> Answer:
-        """Do what is required."""
+        """Answer a request."""
         answer = Answer.of(lambda: getattr(self._agent(request), request.method)(*_read(request.arguments)))
         if not request.with_state or request.agent not in self._agents:
             return answer

@@ -195,7 +195,7 @@ def _best_combination(kept: list[_Kept], weights: list[float]) -> tuple[list[_Ke
         others = [one for k, one in enumerate(kept) if k != base]
         spans = [[a - b for a, b in zip(o.at, origin, strict=True)] if o.is_point else o.at for o in others]
         target, point = _nearest_of_affine_hull(origin, spans)
-        # Weights of points sum to one, those of rays are free.
+        # Weights of points sum to one, weights of rays are free.
         target.insert(base, 1.0 - sum(weight for one, weight in zip(others, target, strict=True) if one.is_point))
         falling = [k for k, weight in enumerate(target) if weight <= 0.0]
         if not falling:

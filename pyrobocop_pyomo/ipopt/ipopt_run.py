@@ -285,7 +285,7 @@ def run_ipopt(
         ``linear_solver="ldl"``, and by default where it suits the program, Ipopt uses the linear solver of this
         package; where such a run fails, MUMPS has a try from the same start.
     start : PrimalDualPoint, optional
-        First point and multipliers, by default ``nlp.x_start`` and those of `PrimalDualPoint.complete`.
+        First point and multipliers, by default ``nlp.x_start`` and the multipliers of `PrimalDualPoint.complete`.
     deadline : Deadline
         Ipopt stops after the first iteration that ends later.
     scaling : ProblemScaling, optional
@@ -415,7 +415,7 @@ def _pass_on(written: TextIO, streams: Iterable[TextIO]) -> None:
 
 
 def _time_limit(options: Mapping[str, Any], deadline: Deadline) -> dict[str, float]:
-    """What is left, unless the caller's own limit is shorter; Ipopt takes no limit of zero."""
+    """The time that is left, unless the caller's own limit is shorter; Ipopt takes no limit of zero."""
     if deadline.left is None:
         return {}
     return {"max_wall_time": max(min(deadline.left, float(options.get("max_wall_time", deadline.left))), 1e-6)}

@@ -24,7 +24,7 @@ from pyrobocop_pyomo.phases.declarations import Parameter
 from pyrobocop_pyomo.phases.step_equations import problem_of_rows
 from pyrobocop_pyomo.trajectories import Trajectory
 
-Led = Sequence[tuple[Any, Trajectory]]
+Motions = Sequence[tuple[Any, Trajectory]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class LinkedInitialState:
     beside : tuple of PhaseBlock
         Those whose motion the equations of the phase read.
     rows : tuple of ConstraintData
-        Equations, those of variables in between among them.
+        Equations, also of variables in between.
     conditions : tuple of ConstraintData
         Other rows between the start, or the parameters, and the motions of others.
     unknowns : tuple of VarData
@@ -53,12 +53,12 @@ class LinkedInitialState:
     conditions: tuple[Any, ...] = ()
     unknowns: tuple[Any, ...] = ()
 
-    def start_after(self, led: Led) -> dict[str, float]:
+    def start_after(self, motions: Motions) -> dict[str, float]:
         """Where the phase starts after motions of those before it; nothing where that is its start in the plan.
 
         Parameters
         ----------
-        led : sequence of (PhaseBlock, Trajectory)
+        motions : sequence of (PhaseBlock, Trajectory)
 
         Raises
         ------
@@ -71,12 +71,12 @@ class LinkedInitialState:
         def broken(rows: Iterable[Any]) -> list[str]:
             return [row.name for row in rows if not constraint_violation(row) <= planned[id(row)] + NEGLIGIBLE]
 
-        with put_on_model(led):
+        with put_on_model(motions):
             if not broken(rows):
                 return {}
         label = f"phase '{self.phase.name}'"
-        start = solve_start(label, self.phase, self.rows, self.unknowns, led)
-        with values_restored(self.unknowns), put_on_model(led):
+        start = solve_start(label, self.phase, self.rows, self.unknowns, motions)
+        with values_restored(self.unknowns), put_on_model(motions):
             for variable, number in zip(self.unknowns, start, strict=True):
                 variable.set_value(number, skip_validation=True)
             if first := broken(self.conditions):
@@ -133,7 +133,7 @@ def linked_initial_state(phase: Any) -> LinkedInitialState:
     )
 
 
-def solve_start(label: str, phase: Any, rows: Collection[Any], unknowns: Collection[Any], led: Led) -> list[float]:
+def solve_start(label: str, phase: Any, rows: Collection[Any], unknowns: Collection[Any], past: Motions) -> list[float]:
     """Values of the unknowns at the start of a phase by equations, after given motions of the phases that these read.
 
     Raises
@@ -149,7 +149,7 @@ def solve_start(label: str, phase: Any, rows: Collection[Any], unknowns: Collect
             f"'{phase.name}' yourself."
         )
     expressions = [row.body - row.upper for row in stated]
-    with put_on_model(led):
+    with put_on_model(past):
         guess = np.array([0.0 if variable.value is None else variable.value for variable in variables])
         solution = solve_mixed_complementarity(problem_of_rows(expressions, variables), guess)
     if not solution.solved:

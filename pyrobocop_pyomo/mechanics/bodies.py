@@ -433,7 +433,7 @@ class _Turn:
 
     @staticmethod
     def state_goal(phase: Any, goal: Array) -> None:
-        """The rotation is that of the goal at the end."""
+        """The rotation is the goal's rotation at the end."""
         columns = goal.T.tolist()
         final = phase.final_time
 
@@ -658,7 +658,7 @@ def check_no_overlap(phase: Any, body: Any, names: Sequence[str], gap: Any) -> N
 
 
 def check_has(phase: Any, beside: Any, *names: str) -> None:
-    """Refuse a phase that lacks a component, or whose grid is not that of the phase beside it."""
+    """Refuse a phase that lacks a component, or whose grid differs from the grid of the phase beside it."""
     missing = [name for name in names if phase.component(name) is None]
     if missing:
         raise ModelError(

@@ -62,7 +62,7 @@ def verify_clearance(
     bodies : mapping of name to Body
     clearances : dict of (str, str) to number, expression or callable
         The body pairs to check, and the distance that each has to keep: the same at all times, or
-        ``rule(block, t)``, a formula like that of a pose.
+        ``rule(block, t)``, a formula like a pose rule.
     tolerance : float, optional
         Distances down to ``clearance - tolerance`` count as kept; by default 1 % of each clearance, of its least value
         at the nodes where it changes.
@@ -97,9 +97,9 @@ def verify_clearance(
     shapes = moving_shapes(motion, watched)
     required = {pair: required_clearance(motion, asked, pair) for pair, asked in clearances.items()}
     parts = [shape for shapes_of_body in shapes.values() for shape in shapes_of_body]
-    led = replayed_motion(motion, [*parts, *required.values()], equations=equations)
+    replayed = replayed_motion(motion, [*parts, *required.values()], equations=equations)
     proofs = [
-        _Proof(p, q, clearance, _allowed(pair, clearance.least, tolerance), depth, max_subintervals, led)
+        _Proof(p, q, clearance, _allowed(pair, clearance.least, tolerance), depth, max_subintervals, replayed)
         for pair, clearance in required.items()
         for p in shapes[pair[0]]
         for q in shapes[pair[1]]
@@ -111,7 +111,7 @@ def verify_clearance(
         tuple(results),
         motion=motion.description,
         motion_is_assumed=motion.is_assumed,
-        equations=led.statement,
+        equations=replayed.statement,
     )
 
 
@@ -180,7 +180,7 @@ class _Proof:
     ----------
     tolerance, depth, max_subintervals
         As of `verify_clearance`.
-    led : EquationsMotion
+    replayed : EquationsMotion
     """
 
     first: MovingShape
@@ -189,15 +189,16 @@ class _Proof:
     tolerance: float
     depth: int
     max_subintervals: int
-    led: EquationsMotion
+    replayed: EquationsMotion
 
     def __post_init__(self) -> None:
         parts = (self.first, self.second, self.clearance)
         # How far the equations lead away from the plan, and why that is not known, where it is not.
-        self.deviation = np.sum([self.led.of(part.name) for part in parts], axis=0)
-        self.not_replayed = self.led.why_unknown if any(part.name in self.led.deviation for part in parts) else ""
+        self.deviation = np.sum([self.replayed.of(part.name) for part in parts], axis=0)
+        is_read = any(part.name in self.replayed.deviation for part in parts)
+        self.not_replayed = self.replayed.why_unknown if is_read else ""
         # By how much the formulas are wrong at the nodes.
-        self.mismatch = np.zeros(self.led.intervals) + sum(part.mismatch for part in parts)
+        self.mismatch = np.zeros(self.replayed.intervals) + sum(part.mismatch for part in parts)
         # More where the equations lead away from the plan.
         self.needed = np.where(np.isfinite(self.deviation), self.deviation, 0.0) - self.tolerance
         self.radii = self.first.shape.radius + self.second.shape.radius
@@ -232,7 +233,7 @@ class _Proof:
             self._measure(np.full(3, bounds.argmin()), np.array([0.0, 0.5, 1.0]))
 
     def result(self, ends: Array) -> BodyPairSafety:
-        """What was found, with the times of all intervals."""
+        """The findings, with the times of all intervals."""
         # Intervals in which more is wrong with the formulas than the tolerance stay undecided.
         self.proven[~(self.mismatch <= self.tolerance)] = -np.inf
         required = self.clearance.values(np.arange(len(ends)), self.instant)

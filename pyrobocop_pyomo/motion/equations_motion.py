@@ -2,7 +2,7 @@
 
 A plan is the polynomials of its states. The equations hold at the collocation points only; what the controls lead to is
 another motion, by the error of the discretisation. `PhaseBlock.reintegrate` gives its states. Here they become the
-distances of corners, which are taken off what is proven for the plan. Here it is decided, too, whether there is
+distances of corners, which are taken off the proven distances of the plan. Here it is decided, too, whether there is
 something to integrate, whether the integration can have seen all that the equations do, and whether the motion goes on
 where one phase follows another.
 """
@@ -42,7 +42,7 @@ LOST = 1e6
 
 @dataclass(frozen=True, eq=False)
 class EquationsMotion:
-    """The motion of the equations beside that of a plan.
+    """The motion of the equations beside the motion of a plan.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class EquationsMotion:
 
     @property
     def statement(self) -> str:
-        """What is known of the motion of the equations, in words; nothing where nobody followed it."""
+        """A sentence on the motion of the equations; empty where nobody followed it."""
         if not self.how:
             return ""
         largest = max((float(of.max(initial=0.0)) for of in self.deviation.values()), default=0.0)
@@ -128,7 +128,7 @@ def replayed_motion(
 
 
 def reintegrated(phase: Any, after: tuple[Any, ...] = ()) -> Reintegration:
-    """The motion of a phase's equations at the current values, from where those of the phases before it lead.
+    """The motion of a phase's equations at the current values, from where the motions of the phases before it lead.
 
     All rows that tie its start, links and their jumps included, say where a phase starts when another one ends
     elsewhere than planned. What closes a circle, as in a periodic motion, starts at the plan.
@@ -146,17 +146,17 @@ def reintegrated(phase: Any, after: tuple[Any, ...] = ()) -> Reintegration:
     """
     following = (phase, *after)
     ties = linked_initial_state(phase)
-    led = []
+    motions = []
     for other in ties.before:
         if any(other is known for known in following):
             continue
         before = reintegrated(other, following)
         if before.open_loop is None:
             return replace(_states(phase), open_loop=None)
-        led.append((other, _led(other.trajectory(), before)))
+        motions.append((other, _motion_of_equations(other.trajectory(), before)))
     for other in ties.beside:
         _refuse_far_companion(phase, other)
-    return _states(phase, ties.start_after(led))
+    return _states(phase, ties.start_after(motions))
 
 
 def needed_reductions(phase: Any, reduction: float, after: tuple[Any, ...] = ()) -> list[tuple[Any, float]]:
@@ -181,9 +181,9 @@ def needed_reductions(phase: Any, reduction: float, after: tuple[Any, ...] = ())
     before = [other for other in linked_initial_state(phase).before if not any(other is of for of in following)]
     if not before:
         return [(phase, reduction)]
-    own, led = _states(phase), reintegrated(phase, after)
+    own, replayed = _states(phase), reintegrated(phase, after)
     shares = [(phase, by_own := _apart(own.open_loop, own.planned, own.planned))]
-    taken_over = 0.0 if by_own == LOST else _apart(led.open_loop, own.open_loop, own.planned)
+    taken_over = 0.0 if by_own == LOST else _apart(replayed.open_loop, own.open_loop, own.planned)
     shares += [(other, taken_over) for other in before]
     allowed = reduction * max(share for _, share in shares)
     needed = [(of, allowed / share) for of, share in shares if share > allowed]
@@ -213,8 +213,8 @@ def _refuse_far_companion(phase: Any, other: Any) -> None:
     """Equations read the plan of another phase: its motion must be that, by a small share of the size of each state."""
     motion = _states(other)
     for name, planned in motion.planned.items():
-        led = None if motion.open_loop is None else motion.open_loop[name]
-        away = np.inf if led is None else float(np.abs(led - planned).max())
+        replayed = None if motion.open_loop is None else motion.open_loop[name]
+        away = np.inf if replayed is None else float(np.abs(replayed - planned).max())
         if not away <= FAR_COMPANION * max(1.0, float(np.abs(planned).max())):
             raise TrajectoryError(
                 f"the equations of phase '{phase.name}' read states of '{other.name}', whose own equations lead "
@@ -222,7 +222,7 @@ def _refuse_far_companion(phase: Any, other: Any) -> None:
             )
 
 
-def _led(planned: Trajectory, reintegration: Reintegration) -> Trajectory:
+def _motion_of_equations(planned: Trajectory, reintegration: Reintegration) -> Trajectory:
     """The trajectory of a plan with the states that its equations lead to."""
     assert reintegration.open_loop is not None
     states = {name: values.copy() for name, values in planned.states.items()}
@@ -246,12 +246,12 @@ def _states_equations(phase: Any) -> bool:
 
 
 def _differences(template: SignalFormulas, reintegrations: Mapping[int, Any], intervals: int) -> Array:
-    """Entries of the pose by the equations less those of the plan, shape ``(intervals * k, entries)``."""
+    """Entries of the pose by the equations less the entries by the plan, shape ``(intervals * k, entries)``."""
     # Each phase is looked at where its own rules ask for it.
     fractions = np.unique(np.concatenate([reintegration.fractions for reintegration in reintegrations.values()]))
     interval, fraction = np.repeat(np.arange(intervals), len(fractions)), np.tile(fractions, intervals)
     planned = {slot: signal.values(interval, fraction) for slot, signal in template.signals.items()}
-    led = dict(planned)
+    replayed = dict(planned)
     for slot, signal in template.signals.items():
         home = None if signal.component is None else signal.component.parent_block()
         reintegration = reintegrations.get(id(home))
@@ -260,14 +260,14 @@ def _differences(template: SignalFormulas, reintegrations: Mapping[int, Any], in
         states = reintegration.open_loop
         name = signal.component.local_name
         if states is None:
-            led[slot] = np.full(len(interval), np.inf)
+            replayed[slot] = np.full(len(interval), np.inf)
         elif name in states:
             # The difference of states is taken from one integration; the plan's polynomial is the same in both.
             off = states[name] - reintegration.planned[name]
             moved = [np.interp(fractions, reintegration.fractions, of_element) for of_element in off]
-            led[slot] = planned[slot] + np.concatenate(moved)
+            replayed[slot] = planned[slot] + np.concatenate(moved)
     with np.errstate(all="ignore"):
-        return template.evaluated(led, len(interval)) - template.evaluated(planned, len(interval))
+        return template.evaluated(replayed, len(interval)) - template.evaluated(planned, len(interval))
 
 
 def _components(template: SignalFormulas) -> list[Any]:

@@ -1,4 +1,4 @@
-"""What is followed along a motion, with bounds on subintervals: corners of shapes, and required clearances."""
+"""Corners of shapes and required clearances along a motion, with bounds on subintervals."""
 
 from __future__ import annotations
 
@@ -203,7 +203,7 @@ class RequiredClearance:
         return 0.0 if self.template is None else self.template.mismatch(self.displacements)
 
     def values(self, interval: Indices, fraction: Array) -> Array:
-        """What is required at local fractions of intervals, shape ``(m,)``."""
+        """The required clearance at local fractions of intervals, shape ``(m,)``."""
         if self.template is None:
             return np.full(len(interval), self.least)
         return self.template.values(interval, fraction)[:, 0]
@@ -231,7 +231,7 @@ def required_clearance(motion: Motion, clearance: Any, pair: tuple[str, str]) ->
     motion : Motion
         With intervals.
     clearance : number, Param, Var, expression or callable
-        A rule is called as ``rule(block, t)``, like that of a pose.
+        A rule is called as ``rule(block, t)``, like a pose rule.
     pair : (str, str)
         Names of the two bodies, for messages.
 

@@ -407,7 +407,7 @@ class SignalFormulas:
         return found.entries if isinstance(found, Pose) else [found]
 
     def _signal(self, item: Item) -> Signal:
-        """The motion of what is read at ``t``."""
+        """The motion of the signal that is read at ``t``."""
         motion, name = self._motion, item.name  # the words take longer to make than all numbers to read
         at_nodes = {node: _number(item_at(item, node), name) for node in self._nodes}
         coefficients, of_values = [], dict[tuple[float, ...], Array]()

@@ -28,7 +28,7 @@ NODES_PER_ITERATION = 10
 
 
 class Certificate(enum.Enum):
-    """What is known about descent at a point; the value is a sentence for points with pairs."""
+    """Knowledge about descent at a point; the value is a sentence for points with pairs."""
 
     PROVEN = "B-stationary: no branch through the point has a direction of descent."
     DESCENT = "Not B-stationary: another branch through the point descends, but no better point was reached along it."
@@ -165,7 +165,7 @@ class ActiveSetSearch:
     certified : BranchPoint or None
         The last point from which no branch was found to descend.
     interrupted : bool
-        Whether Ctrl-C ended the search; the best point until then is what it returned.
+        Whether Ctrl-C ended the search; it returned the best point until then.
     linear_seconds : float
         Elapsed in linear programs since this was last set to zero.
     undecided : int
@@ -291,7 +291,7 @@ class ActiveSetSearch:
         return None
 
     def _steepest(self, point: Linearisation, radius: float, **choices: Any) -> Descent | None:
-        """The linear program with complementarity constraints, in what is left of the time."""
+        """The linear program with complementarity constraints, in the time that is left."""
         if self.deadline.has_passed:
             return None
         started = time.perf_counter()

@@ -1,6 +1,6 @@
 """Looking for multipliers at a point: are there any with the signs that a kind of stationarity asks for?
 
-Multipliers are a matter of existence. Where they are not unique, those of a solver prove nothing by their signs, so
+Multipliers are a matter of existence. Where they are not unique, the signs of a solver's multipliers prove nothing, so
 they are looked for among all: by a linear program for W and S, with a binary or two per biactive pair for M, C and A.
 
 Kinds of stationary points of a complementarity problem, and the multipliers that show them.

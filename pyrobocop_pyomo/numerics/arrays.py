@@ -11,7 +11,7 @@ Indices = NDArray[np.int64]
 
 
 def finite_numbers(given: Any, label: str, refusal: type[Exception]) -> Array:
-    """What a user gave, as an array; what is no number, or not finite, is refused."""
+    """A user's numbers as an array; anything else, and numbers that are not finite, are refused."""
     try:
         numbers = np.array(given, dtype=float)
     except (TypeError, ValueError) as error:

@@ -1,7 +1,7 @@
 """Of which size variables, rows and an objective typically are, from known sizes and derivatives; arrays only.
 
 Variables and rows come in groups, as all values of a state over time: a group has one scale. All scales follow a change
-of units exactly: what is measured in feet instead of metres gets 3.28 times the scale, and the scaled problem stays the
+of units exactly: a length in feet instead of metres gets 3.28 times the scale, and the scaled problem stays the
 same.
 """
 

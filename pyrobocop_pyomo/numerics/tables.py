@@ -145,7 +145,7 @@ class _Spline(Function):
         return [self._interpolant.pieces(len(self._by) + order) for order in range(3)]
 
     def taylor_form(self, *arguments: Any) -> TaylorForm:
-        """Bounds of the function and its derivatives, from those of its argument; unknown where there are two.
+        """Bounds of the function and its derivatives, from the bounds of its argument; unknown where there are two.
 
         Where the slope jumps inside a subinterval the second derivative has no bound. Values have one nevertheless, and
         halving leaves few such subintervals.
@@ -311,12 +311,12 @@ class Table(_Spline):
         self._derivatives: dict[int, _Spline] = {}
 
     def derivative(self, *arguments: Any, by: int | str | None = None) -> Any:
-        """The derivative by one of the inputs, at arguments as those of a call: the spline's own, not a difference.
+        """The derivative by one of the inputs, at arguments as in a call: the spline's own, not a difference.
 
         Parameters
         ----------
         *arguments : variables, expressions, parameters, numbers or arrays of numbers
-            As the table itself takes them. Beyond the table the derivative is that of the continuation.
+            As the table itself takes them. Beyond the table it is the derivative of the continuation.
         by : int or str, optional
             The input, by its number or its name; needed where there are two.
 
@@ -364,7 +364,7 @@ class Table(_Spline):
             Two columns below a line of titles: one input and the values. More columns: the first has the first input
             below any title, and the first line the second input above the values.
         **options : Any
-            As for `Table`; the name is that of the file by default.
+            As for `Table`; the name is by default the file's.
 
         Raises
         ------

@@ -57,7 +57,7 @@ class MotionBlockData(BuiltBlockData):
         return id(self.record.points) in sets
 
     def _proven(self, tolerance: float | None, equations: bool) -> SafetyReport:
-        """What is proven of the bodies and clearances of the record along the motion of the current values."""
+        """The proof for the bodies and clearances of the record along the motion of the current values."""
         bodies, clearances, followed = self.record.scene.bodies, self.record.clearances, equations and self.equations
         return verify_clearance(self.motion, bodies, clearances, tolerance=tolerance, equations=followed)
 

@@ -1,6 +1,6 @@
 """The broad phase: which separations a solve needs, by how near the shapes come to each other.
 
-Distances are those of the convex hulls of all that two shapes sweep in a segment of motion, as in the start values.
+Distances are distances of the convex hulls of all that two shapes sweep in a segment of motion, as in the start values.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def least_reach(record: AvoidanceRecord) -> float:
 def _earlier_or_later(
     record: AvoidanceRecord, segments: Sequence[MotionSegment], distances: Array, reach: float
 ) -> BoolArray:
-    """What is within reach, and intervals shortly before and after: plans change the speed of a guess first."""
+    """Segments within reach, and intervals shortly before and after: plans change the speed of a guess first."""
     near: BoolArray = ~(distances > reach)
     if not record.per_interval:
         return near

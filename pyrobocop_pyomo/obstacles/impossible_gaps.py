@@ -44,8 +44,8 @@ class ClosedGap:
     width, needed : float
         Distance between the parts, and what the disc takes with its clearances.
     path : (k, 2) array
-        From the middle of the first to that of the second, inside of what the disc's middle cannot enter; the middle of
-        an unbounded part is far away.
+        From the middle of the first to the middle of the second, where the disc's middle cannot be; the middle of an
+        unbounded part is far away.
     """
 
     first: int

@@ -165,7 +165,7 @@ def _is_open(time: Any) -> bool:
 
 
 def _is_tied(start: Any) -> bool:
-    """Whether rows say anything of a start, other than those of blocks that go by it."""
+    """Whether rows say anything of a start, other than rows of blocks that go by it."""
     return any(
         variable is start
         for row in start.model().component_data_objects(Constraint, active=True, descend_into=True)

@@ -181,7 +181,7 @@ def motion_along_paths(
     Raises
     ------
     ObstacleError
-        When the name of a signal is none, or is that of something else.
+        When the name of a signal is none, or names something else.
     """
     points = tuple(times.tolist())
     model = _model_in_real_time("path")
@@ -192,7 +192,7 @@ def motion_along_paths(
         samples[name] = _line(values)
     rules = {}
     for number, (name, path) in enumerate(paths.items(), start=1):
-        # Names with blanks: those of a user's signals have none. Most of what turns a body in the plane is a number.
+        # Names with blanks, which a user's signals do not have. Most of what turns a body in the plane is a number.
         of_path = _samples_of(path)
         numbers = {of: float(within[0, 0]) for of, within in of_path.items() if np.ptp(within) == 0.0}
         samples |= {f"{of} {number}": within for of, within in of_path.items() if of not in numbers}
@@ -289,7 +289,7 @@ def verify_motion(
 ) -> SafetyReport:
     """Prove that bodies keep their clearances along a path of numbers or a trajectory, or find where they do not.
 
-    The proof is that of planned motions: it covers all times, not only those of the poses.
+    The proof is the same as for planned motions: it covers all times, not only the times of the poses.
 
     Parameters
     ----------

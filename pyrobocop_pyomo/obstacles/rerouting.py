@@ -1,7 +1,8 @@
 """Rerouting of an initial guess: along a grid path that leads a convex body around all obstacles at once.
 
-Every pair of shapes that overlap has its own cheapest separation, and those of several obstacles may contradict each
-other: left of one, right of the next, where the gap is above both. A search on a grid sees all of them together.
+Every pair of shapes that overlap has its own cheapest separation, and the separations of several obstacles may
+contradict each other: left of one, right of the next, where the gap is above both. A search on a grid sees all of them
+together.
 
 Shortest paths on grids in any dimension, by Dijkstra's method over faces, edges and corners of the cells.
 """
@@ -251,7 +252,7 @@ def grid_lower_bounds(axes: Sequence[Array], obstacles: Sequence[Polytope], beyo
         Coordinates along each axis, increasing.
     obstacles : sequence of Polytope
     beyond : float
-        What is farther away is not looked at: each obstacle concerns the cells around it only.
+        Each obstacle concerns the cells around it only.
     """
     distances = np.full([len(axis) for axis in axes], beyond)
     for obstacle in obstacles:

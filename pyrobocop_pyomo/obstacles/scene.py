@@ -164,7 +164,7 @@ def make_scene(where: str, *, bodies: Any, obstacles: Any, body_pairs: Any, excl
 
 
 def named_bodies(label: str, plural: str, singular: str, given: Any) -> dict[str, Body]:
-    """Bodies by name; those of a list are numbered.
+    """Bodies by name; bodies of a list are numbered.
 
     Raises
     ------

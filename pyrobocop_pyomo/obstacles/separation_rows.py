@@ -169,7 +169,7 @@ def start_plane(block: Any, index: SeparationIndex, first: Polytope, second: Pol
     """The given normal, and the plane in the middle of the gap along it."""
     for axis, number in enumerate(normal.tolist()):
         block.normal[(*index, axis)].set_value(number, skip_validation=True)
-    # What is required holds both paddings.
+    # The required clearance holds both paddings.
     upper = float(first.lowest(normal[None])[0]) + first.radius - value(block.required[index])
     lower = float(second.highest(normal[None])[0]) - second.radius
     block.offset[index].set_value((upper + lower) / 2, skip_validation=True)

@@ -89,6 +89,6 @@ def _raise_margins_to_region(region: ContainmentData, report: SafetyReport) -> d
 
 
 def _missing(pair: BodyPairSafety) -> Any:
-    """By how much the distance misses what is required, in each interval; that is meant for those not proven."""
+    """By how much the distance misses the required one, in each interval; for intervals that are not proven."""
     # Where no instant is too close, only the proof is missing, by at most the tolerance.
     return np.fmax(pair.missing, pair.tolerance)

@@ -70,7 +70,7 @@ class ModelCheck:
         return found + [violation_of(data, data.value, *data.bounds) for data in outside]
 
     def violations(self) -> tuple[float, float]:
-        """Largest violation, and the largest where each is divided by the size of what it is a violation of.
+        """Largest violation, and the largest relative to the size of the row or bound.
 
         A row is of the size of the largest term that it adds up, and a bound of that of its variable, at the point that
         is on the model; what is smaller than 1 counts as 1.

@@ -150,7 +150,7 @@ class Polish:
         before, too.
         """
         ranks = [list(Quality).index(iterate.quality(self._settings.tolerances)) for iterate in (before, after)]
-        # Objectives that differ by no more are those of one solution, relaxed and exact.
+        # Objectives that differ by no more belong to one solution, relaxed and exact.
         flattered = abs(after.objective - before.objective) > MET * max(1.0, abs(before.objective))
         refuted = after.certificate is Certificate.DESCENT or (after.converged and flattered)
         return before if ranks[0] < ranks[1] and not refuted else after

@@ -146,14 +146,14 @@ class _Procedure(Runner):
                     self.multipliers = self.record.best.classify()
 
     def _strategies(self) -> Iterator[Strategy]:
-        """Those of the caller's strategies that are for such a model, or else those of the table that follow."""
+        """The caller's strategies for such a model, or else the strategies of the table that follow."""
         record, chosen = self.record, self.settings.strategies
         if chosen is not None and (not self.has_pairs or any(row.for_pairs is not False for row in chosen)):
             for row in chosen:
                 if row.for_pairs in (None, self.has_pairs) and record.has_to_run(row, is_chosen=True):
                     yield row
             if record.best is None and not self.has_pairs:
-                yield SOLVE  # what was chosen has no start of its own here
+                yield SOLVE  # the chosen strategies have no start of their own here
             return
         first, most = next(row for row in STRATEGIES if row.for_pairs is self.has_pairs), math.inf
         is_alone = not (self.has_pairs or self.settings.second_tries)  # other starts are the caller's
@@ -284,7 +284,7 @@ class _Procedure(Runner):
         )
 
     def _explanations(self, best: Iterate) -> list[str]:
-        """What may be the cause of a failure, beside what is not met."""
+        """Possible causes of a failure, beside the violations."""
         quality = best.quality(self.settings.tolerances)
         said = [*remarks_on_phases_with_pairs(self.model)] if quality is Quality.INFEASIBLE else []
         if self.record.pairs and quality is Quality.OPTIMAL and self._is_linear():

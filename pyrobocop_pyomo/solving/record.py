@@ -1,4 +1,4 @@
-"""`Record`: all that the runs of one solve ended at, which point is the best, and what was spent."""
+"""`Record`: all iterates of one solve, the best of them, and the effort."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from .violations import Violation, violations_of_pairs
 
 logger = logging.getLogger(__name__)
 
-# Objectives that differ by less, relative to their size, are those of one solution.
+# Objectives that differ by less, relative to their size, belong to one solution.
 SAME_OBJECTIVE = 1e-4
 # By default exploration may take as long as the rest of the solve with up to `CROSS_CHECKED_PAIRS` pairs. The
 # more pairs, the less a look beyond the nearest solution pays: at twice as many there is none, unless it is requested.
@@ -108,7 +108,7 @@ class Record:
 
     @property
     def iterations(self) -> int:
-        """Those of Ipopt, in all runs so far."""
+        """Iterations of Ipopt, in all runs so far."""
         return sum(step.iterations for step in self.steps)
 
     # ---------------------------------------------------------------- runs

@@ -217,7 +217,7 @@ class Runner:
         return iterate
 
     def keep(self, iterate: Iterate) -> None:
-        """Remember what was found, and where a function had no value on the way."""
+        """Remember the iterate, and where a function had no value on the way."""
         if iterate.stop_reason.is_final and self.record.cut is None:
             self.record.cut = iterate.stop_reason
         self.record.keep(iterate)
@@ -406,7 +406,7 @@ class Runner:
 
     def _with_absolute_values_split(self, strategy: Strategy) -> Iterate | None:
         """Solve a copy with its absolute values in two parts; its answer is one of the model, and is checked there."""
-        self.sessions.close()  # what is copied is the model as it was stated
+        self.sessions.close()  # the copy is made of the model as it was stated
         self.values.write(self.guess.start)
         split = TransformationFactory("pyrobocop.absolute_values_to_complementarity")
         copy = split.create_using(self.model)
@@ -425,7 +425,7 @@ class Runner:
         )
 
     def _solution_of(self, copy: Any, strategy: Strategy) -> SolveResult | None:
-        """Solve a copy, and log its runs as those of a strategy; None where it cannot be solved at all."""
+        """Solve a copy, and log its runs as runs of a strategy; None where it cannot be solved at all."""
         options = self.settings.options.with_default({"max_iter": ITERATIONS_OF_ONE})
         settings = replace(self.settings, options=options, strategies=None, progress=Progress(False))
         try:

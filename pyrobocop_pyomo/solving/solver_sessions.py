@@ -34,7 +34,7 @@ _REMEDY_OF_FIXED = (
 
 
 class InitialGuess:
-    """Where strategies start, and what is to be said about it.
+    """Where strategies start, and remarks about it.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ class SolverSessions:
         self.last: SolverSession | None = None
 
     def close(self) -> None:
-        """Take back what was stated for the pairs."""
+        """Take back the rows that were stated for the pairs."""
         self.current = None
         self._stack.close()
 

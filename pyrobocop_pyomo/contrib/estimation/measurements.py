@@ -145,7 +145,7 @@ def label_measurements(
 
     Makes the suffixes ``experiment_outputs``, ``measurement_error`` and ``unknown_parameters`` on the model, and on the
     phase an expression ``<name>_measured[time]`` per output: the scheme's polynomial at the times of the data,
-    which need not be those of the grid.
+    which need not be times of the grid.
 
     Parameters
     ----------

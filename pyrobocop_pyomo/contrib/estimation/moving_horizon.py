@@ -90,7 +90,7 @@ class MovingHorizon:
     """An estimation problem that is solved over and over while measurements arrive.
 
     The phase is the window: its end is the present, and each sample moves it on by one sampling interval. The model is
-    prepared once; each step changes numbers only. What was measured before the window is summed up in a mean and a
+    prepared once; each step changes numbers only. Earlier measurements are summed up in a mean and a
     covariance of states and parameters where the window starts, the arrival cost. When the window moves, both are
     moved by the formulas of the extended Kalman filter, linearised at the last estimate. While the window is not yet
     full, it stands still, and what follows the last sample does not count.
@@ -102,7 +102,7 @@ class MovingHorizon:
     phase : PhaseBlock
         The window: equal elements, and piecewise constant controls with a value for each of them.
     error : mapping of output to float
-        Standard deviations of what is measured: states, algebraics, Expressions over time, or names in `outputs`.
+        Standard deviations of measured quantities: states, algebraics, Expressions over time, or names in `outputs`.
     prior : mapping of name to float
         Standard deviations of all states at the first sample, and of all free parameters. Their means are the values
         on the model.
@@ -172,7 +172,7 @@ class MovingHorizon:
         added.output = Var(range(len(predicted)), initialize=lambda b, i: value(predicted[i], exception=False))
         added.row = Constraint(range(len(predicted)), rule=lambda b, i: b.output[i] == predicted[i])
 
-        self._place: dict[int, int] = {}  # of each variable among those of the cost
+        self._place: dict[int, int] = {}  # of each variable among the variables of the cost
         variables, times = list[Any](), list[float]()
         for variable, moment in self._timed(estimated, added.output):
             if not variable.fixed and id(variable) not in self._place:
@@ -206,9 +206,9 @@ class MovingHorizon:
         Parameters
         ----------
         measured : mapping of output to float
-            What is left out, None or NaN is missing.
+            A measurement that is left out, None or NaN is missing.
         inputs : mapping of control name to float
-            What was applied since the sample before; not to be given with the first sample.
+            The inputs since the sample before; not to be given with the first sample.
         mu : float
             Ipopt's first barrier parameter, from the second step on.
         time_limit : float, optional
@@ -247,7 +247,7 @@ class MovingHorizon:
     def add(
         self, measured: Mapping[str, float | None] | None = None, inputs: Mapping[str, float] | None = None
     ) -> None:
-        """Take in the next sample without an estimate, where several arrive at once; arguments are those of `step`."""
+        """Take in the next sample without an estimate, where several arrive at once; arguments as for `step`."""
         known = {} if measured is None else {name: number for name, number in measured.items() if number is not None}
         sample = self._numbers("measured", known, self._measures)
         needed = self._inputs if self._newest >= 0 else []
@@ -309,7 +309,7 @@ class MovingHorizon:
         return np.array([column_of[id(variable)] for variable in self._cost.variables], dtype=np.intp)
 
     def _rows_ahead(self) -> NDArray[np.bool_]:
-        """Which rows of the program read what is later than the last sample."""
+        """Which rows of the program read variables later than the last sample."""
         program = self._program.compiled.nlp
         ahead, rows = np.zeros(program.n, dtype=bool), np.zeros(program.m, dtype=bool)
         ahead[self._columns()[self._are_ahead()]] = True
@@ -328,7 +328,7 @@ class MovingHorizon:
         return partial(_gaussian, self._what, self._squares(last), self._columns(), jacobian, right_side, places)
 
     def _timed(self, estimated: Sequence[Any], outputs: Any) -> Iterator[tuple[Any, float]]:
-        """Variables with their times, those of the arrival cost first."""
+        """Variables with their times, first the variables of the arrival cost."""
         yield from ((variable, -np.inf) for variable in estimated)
         for name, nodes in self._values.nodes.items():
             yield from zip(self._values.variables[name], nodes.times, strict=True)
@@ -419,7 +419,7 @@ def _gaussian(
         Of the equations.
     right_side : array
     places : int array
-        Of the variables among those of the cost.
+        Of the variables among the variables of the cost.
 
     Raises
     ------

@@ -36,7 +36,7 @@ def export_controller(horizon: RecedingHorizon, folder: str | Path, advance: flo
     """Write a receding horizon as C source, for a robot that has Ipopt but no Python.
 
     ``controller_step(state, control)`` does what `RecedingHorizon.step` does with this `advance` and this `mu`. Its
-    first plan is that of the next `step`: warm where a plan has been made, else from the values on the model. Fixed
+    first plan is the plan of the next `step`: warm where a plan has been made, else from the values on the model. Fixed
     values, Params and bounds stay as they are now. Safety is not verified, and where the linear solver of this package
     fails, no other has a try.
 

@@ -406,6 +406,6 @@ def _columns_of(expressions: Sequence[Any], variables: Sequence[Any]) -> Callabl
 
 
 def columns_of(steps: ExpressionSteps, leaves: Mapping[int, Array], count: int) -> Array:
-    """Values of expressions, ``(count, expressions)``, from those of their variables, ``(count,)``, by identity."""
+    """Values of expressions, ``(count, expressions)``, from values of their variables, ``(count,)``, by identity."""
     values = steps.evaluate_at(leaves, ARRAY_FUNCTIONS)
     return np.array([np.broadcast_to(each, count) for each in values], dtype=float).reshape(-1, count).T

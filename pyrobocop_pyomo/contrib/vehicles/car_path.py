@@ -37,9 +37,9 @@ class CarPath(Presented):
     ----------
     poses : (k, 3) array
         x, y and heading of the middle of the rear axle. Headings are continuous: the last may differ from the goal's
-        by whole turns. With a trailer ``(k, 4)``: its heading less that of the car is the last one.
+        by whole turns. With a trailer ``(k, 4)``: its heading less the car's heading is the last one.
     directions : (k,) array
-        1 forwards, -1 backwards, from each pose on; the last value is that of the last arc.
+        1 forwards, -1 backwards, from each pose on; the last value belongs to the last arc.
     steering : (k,) array
         Steering angle from each pose on, positive to the left.
     trailer : Trailer or None
@@ -122,7 +122,7 @@ class CarPath(Presented):
         Raises
         ------
         InitialGuessError
-            When names do not fit, and when the heading is fixed at the end whole turns away from that of the path.
+            When names do not fit, and when the heading is fixed at the end whole turns away from the path's heading.
         """
         known = _names(phase, names)
         moments, poses, steering, velocities, accelerations, duration = self.over_phase(
@@ -143,7 +143,7 @@ class CarPath(Presented):
         return functions_of_time_index(phase, {name: of_path[quantity] for quantity, name in known.items()}) | duration
 
     def over_phase(self, phase: Any, timing: CarTiming) -> tuple[Array, Array, Array, Array, Array, dict[str, Any]]:
-        """The path over the duration of a phase; a free duration becomes that of the timing, moved into its bounds.
+        """The path over the duration of a phase; a free duration becomes the timing's, moved into its bounds.
 
         Returns
         -------

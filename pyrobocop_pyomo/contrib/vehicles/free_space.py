@@ -316,7 +316,7 @@ def _corners(shape: Polytope, scene: float) -> Array:
 
 
 def _between_corners(own: Array, other: Array) -> Array:
-    """Unit vectors to the nearest corner of one from that of the other, ``(k, 2)``; zero where they touch."""
+    """Unit vectors between the nearest corners, towards the first, ``(k, 2)``; zero where they touch."""
     apart = own[:, :, None, :] - other[:, None, :, :]
     lengths = np.hypot(apart[..., 0], apart[..., 1]).reshape(len(own), -1)
     nearest = lengths.argmin(axis=1)

@@ -1,4 +1,4 @@
-"""Motion primitives of a car: the short arcs that a search is made of, what they cost, and Reeds-Shepp paths.
+"""Motion primitives of a car: the short arcs that a search is made of, their costs, and Reeds-Shepp paths.
 
 Reeds-Shepp paths: the shortest paths of a car between two poses without obstacles; arcs, straight lines and cusps.
 

@@ -68,7 +68,7 @@ class ParkingCar:
 
 @dataclass(frozen=True, eq=False)
 class ParkingCase(Presented):
-    """Where a car starts, where it parks, and what it keeps clear of; relative to the place where it starts.
+    """Where a car starts, where it parks, and its obstacles; relative to the place where it starts.
 
     Attributes
     ----------

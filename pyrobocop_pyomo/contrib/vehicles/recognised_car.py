@@ -64,7 +64,7 @@ class RecognisedCar:
     shape : Polytope
         In the car's own frame: the origin on the rear axle, x ahead.
     frames : list of (x, y, angle)
-        The frames of car and trailer in those of their bodies.
+        The frames of car and trailer in the frames of their bodies.
     turning_radius : float
     speed : float or None
         That both directions allow; None without bounds.
@@ -272,7 +272,7 @@ def _recognised(block: Any, phase: Any, bodies: list[str]) -> RecognisedCar:
 
 
 def _frame(body: str, velocities: Array) -> Frame:
-    """The frame of a car in that of its body: on its rear axle, x ahead."""
+    """The frame of a car in the frame of its body: on its rear axle, x ahead."""
     axle = _axle(velocities)
     if axle is None:
         raise ObstacleError(f"'{body}' has no axle that never moves along itself.")

@@ -331,7 +331,7 @@ def _next(
 def _with_ways(
     case: VehiclesCase, car: ParkingCar, arrived: list[int], waiting: Sequence[int], chosen: Sequence[int]
 ) -> Iterator[int]:
-    """Those of the chosen that may have a way now; first those that leave one for all others where they arrive."""
+    """The chosen vehicles that may have a way now; first the ones that leave a way for all others where they arrive."""
     shutting_in = []
     for vehicle in chosen:
         others = [k for k in waiting if k != vehicle]
@@ -425,7 +425,7 @@ def _timed(case: VehiclesCase, car: ParkingCar, moves: list[VehicleMove], cleara
 
 
 def _poses(moves: Sequence[VehicleMove], vehicle: int, times: Array) -> Array:
-    """Poses of one vehicle: those of its last move that has begun."""
+    """Poses of one vehicle, along its last move that has begun."""
     own = [move for move in moves if move.vehicle == vehicle]
     poses = own[0].poses_at(times)
     for move in own[1:]:
