@@ -210,10 +210,9 @@ def walk_of_right_hand_side() -> set[str]:
 
     with watched(ode, given) as files:
         m = lift(ode=ode)
-        of_all, of_one = m.lift.record.odes["speed"], m.lift.record.rates["speed"]
-        template = of_all.statement.rule
-        given += [template, template.formulas(m.lift), of_all, of_one]
-        given += [each.rule_of_parts for each in m.lift.component_objects(pyo.Constraint) if "speed" in each.name]
+        (statement,), of_one = m.lift.record.statements_of("ode"), m.lift.record.rates["speed"]
+        given += [statement.rule, statement.rule.formulas(m.lift), *vars(of_one).values()]
+        given += [each.rule_of_rows for each in m.lift.component_objects(pyo.Constraint) if "speed" in each.name]
         rcp.solve(m, progress=False)
         m.lift.trajectory().verify()
     return files

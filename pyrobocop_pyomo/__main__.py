@@ -68,15 +68,15 @@ def _examined(derivatives: str | None) -> tuple[str, list[str]]:
     lines: list[str] = []
     try:
         if derivatives is None:
-            found = find_ipopt_executable()
+            source = find_ipopt_executable()
         else:
-            found = find_asl_library() if derivatives == "asl" else "CasADi" if casadi_available() else None
-        if not found:
+            source = find_asl_library() if derivatives == "asl" else "CasADi" if casadi_available() else None
+        if not source:
             return "not found", []
-        lines.append(f"  found       {found}")
+        lines.append(f"  found       {source}")
         with LoggingIntercept(module="pyomo"):  # Pyomo's warnings say the same in other words
             if derivatives is None:
-                result = _solved(NewSolverFactory("ipopt", executable=found))
+                result = _solved(NewSolverFactory("ipopt", executable=source))
             else:
                 lines.append(f"  found       {load_ipopt_library()}")
                 result = _solved(InProcessIpopt(derivatives=derivatives))

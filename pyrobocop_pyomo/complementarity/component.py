@@ -21,7 +21,7 @@ from .statement import Complements
 
 
 def index_without_time(index: Any) -> Any:
-    """What is left of an index without its first part, which is the time in a phase and usually elsewhere."""
+    """An index without its first part, which is the time in a phase and usually elsewhere."""
     return index[1:] if isinstance(index, tuple) else ()
 
 
@@ -122,12 +122,12 @@ class ComplementarityData(ActiveComponentData):
         """Say which family the pair belongs to; pairs of one component with equal labels state the same."""
         self._family = self._hashable("family", label)
 
-    def _hashable(self, what: str, label: Hashable) -> Hashable:
+    def _hashable(self, role: str, label: Hashable) -> Hashable:
         try:
             hash(label)
         except TypeError:
             raise ComplementarityError(
-                f"'{self.name}': the {what} label {label!r} is not hashable. Use a number, a string or a tuple."
+                f"'{self.name}': the {role} label {label!r} is not hashable. Use a number, a string or a tuple."
             ) from None
         return label
 

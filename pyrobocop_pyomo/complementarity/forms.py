@@ -18,7 +18,7 @@ from pyomo.core.expr.numvalue import native_numeric_types, value
 
 from pyrobocop_pyomo.errors import ComplementarityError
 
-from .sides import ParsedSide, above_lower, below_upper, check_sides, four_bounds, read_side
+from .sides import ParsedSide, above_lower, below_upper, check_sides, four_bounds_error, read_side
 from .statement import ANY_SIGN
 
 # --------------------------------------------------------------------------------------------------- the canonical form
@@ -145,7 +145,7 @@ def form_of(
         # Of two sides without bounds the plain variable is the one that a bound can be given to.
         raise _too_few(other if bounded.bounds or (b.is_variable and not a.is_variable) else a, source)
     if other.bounds == 2:
-        raise four_bounds(a.given, b.given, source)
+        raise four_bounds_error(a.given, b.given, source)
     _refuse_crossed(bounded, source)
     if other.bounds == 1:
         return _implied_side(bounded, other, source)

@@ -94,12 +94,12 @@ def relaxed_pairs(record: RelaxationRecord, form: CanonicalForm) -> list[Relaxed
     for row in form.rows:
         record.put_row("sides", row, [form.source])
     parts: dict[SidePart, Any] = {}
-    found: list[RelaxedPair] = []
+    relaxed: list[RelaxedPair] = []
     for pair in form.pairs:
         if pair.a_part is not SidePart.WHOLE:
             a = parts[pair.a_part]
-        elif found and pair.a is found[0].pair.a:
-            a = found[0].a
+        elif relaxed and pair.a is relaxed[0].pair.a:
+            a = relaxed[0].a
         else:
             a = _side(record, form, pair.a, pair.a_row)
         if pair.b_part is SidePart.WHOLE:
@@ -107,8 +107,8 @@ def relaxed_pairs(record: RelaxationRecord, form: CanonicalForm) -> list[Relaxed
         else:
             parts = parts or _parts(record, form, pair.b)
             b = parts[pair.b_part]
-        found.append(RelaxedPair(pair, a, b))
-    return found
+        relaxed.append(RelaxedPair(pair, a, b))
+    return relaxed
 
 
 def _side(record: RelaxationRecord, form: CanonicalForm, side: Any, row: Any) -> Any:

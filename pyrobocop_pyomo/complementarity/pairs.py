@@ -103,14 +103,14 @@ def active_parts(
     """Find the active component data of some types in blocks of some types; targets as for `active_pairs`."""
     if targets is None:
         return list(_below(model, kinds, containers))
-    found: dict[int, Any] = {}
+    parts: dict[int, Any] = {}
     for target in [targets] if hasattr(targets, "ctype") else targets:
         for data in _at(target, model, kinds, containers):
-            found[id(data)] = data
-    return list(found.values())
+            parts[id(data)] = data
+    return list(parts.values())
 
 
-def home_of(block: Any, model: Any) -> Any:
+def block_of_rows(block: Any, model: Any) -> Any:
     """Where the rows are put: on the model, or on the disjunct of the pairs, so that they hold only if it is chosen."""
     while block is not model:
         if block.ctype is Disjunct:

@@ -14,7 +14,7 @@ from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES
 from pyrobocop_pyomo.modeling.expressions import new_leaves
 
 from .forms import CanonicalForm
-from .pairs import home_of
+from .pairs import block_of_rows
 from .record import records_above, records_below
 
 
@@ -38,7 +38,7 @@ def refuse_foreign_token(model: Any, token: Any) -> None:
         )
 
 
-def refuse_nothing(model: Any, sources: Sequence[Any], targets: Any) -> None:
+def refuse_missing_pairs(model: Any, sources: Sequence[Any], targets: Any) -> None:
     """Refuse a model, or targets, without an active pair."""
     if not sources:
         where = "it" if targets is None else "the targets"
@@ -61,7 +61,7 @@ def refuse_disjuncts(model: Any, sources: Iterable[Any]) -> None:
     """Refuse pairs that hold only where a disjunct is chosen."""
     blocks = {id(source.parent_block()): source for source in sources}  # looked up once for each block
     for source in blocks.values():
-        home = home_of(source.parent_block(), model)
+        home = block_of_rows(source.parent_block(), model)
         if home is not model:
             raise ComplementarityError(
                 f"'{source.name}': lies in the disjunct '{home.name}', and the rows of a relaxation hold whether or "
@@ -82,7 +82,7 @@ def only_objective(model: Any) -> Any:
     return objectives[0] if objectives else None
 
 
-def refuse_leaves(forms: Iterable[CanonicalForm], *, discrete_allowed: bool = False) -> None:
+def refuse_unusable_leaves(forms: Iterable[CanonicalForm], *, discrete_allowed: bool = False) -> None:
     """Refuse NaN as a coefficient, parameter or value of a variable, and unfixed discrete variables."""
     checked: set[int] = set()
     for form in forms:

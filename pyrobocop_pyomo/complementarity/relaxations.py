@@ -130,7 +130,7 @@ class FischerBurmeister(_WithoutShift):
     """Bound ``a + b - sqrt(a^2 + b^2 + 2 delta)`` by zero.
 
     For ``a + b >= 0`` this says ``a * b <= delta``, as `Scholtes` does; the residual grows linearly in the sides and
-    not with their product. The rates are those of `Scholtes`.
+    not with their product. The rates are the same as with `Scholtes`.
 
     References
     ----------
@@ -149,7 +149,7 @@ class ChenHarkerKanzowSmale(_WithoutShift):
     """Bound the smoothed natural residual ``a + b - sqrt((a - b)^2 + 4 delta)`` by zero.
 
     It is twice ``min(a, b)`` at ``delta = 0``. For ``a + b >= 0`` it says ``a * b <= delta``, as
-    `Scholtes` does, but is nearly affine away from the corner. The rates are those of `Scholtes`.
+    `Scholtes` does, but is nearly affine away from the corner. The rates are the same as with `Scholtes`.
 
     References
     ----------
@@ -329,7 +329,7 @@ class Crossed:
     """Every a of an element is complementary to every b of it: products ``a_i * b_j`` over its stages i and j.
 
     With several stages per element it keeps switches from happening inside an element: a side that is positive at
-    one stage has a partner that is zero at all of them. Only pairs that state the same are crossed: those of one
+    one stage has a partner that is zero at all of them. Only pairs that state the same are crossed: the pairs of one
     family in one `Complementarity` component. In a phase that is the pairs at one position (or with one key) of
     what the rule returns; elsewhere, the pairs whose indices differ in the first part alone, unless ``family=`` says
     otherwise. An element is what carries the same group label; pairs without a label are elements of their own. The
@@ -340,7 +340,7 @@ class Crossed:
     left_end : {None, "first", "second"} or callable
         Which side, if any, counts at the left end of an element as well, or a function that tells which of a pair:
         its value at the last pair of the element
-        before stands beside those of the element's own stages. It has to be the side that is continuous in time (a
+        before stands beside the sides of the element's own stages. It has to be the side that is continuous in time (a
         distance, not the force that jumps), and the last stage has to be the end of the element, as it is for Radau
         and Lobatto. So no element can begin on one side of a switch and end on the other, and with moving boundaries
         these are where the switches are. Elements are then numbered by their labels, one by one; one whose
@@ -388,11 +388,11 @@ class Crossed:
         elements: dict[Any, list[CanonicalPair]] = {}
         for pair in sorted(pairs, key=lambda pair: positions[pair.source.index()]):
             elements.setdefault(pair.group, []).append(pair)
-        found: list[tuple[CanonicalPair, CanonicalPair]] = []
+        factors: list[tuple[CanonicalPair, CanonicalPair]] = []
         for number, members in elements.items():
             longer = [*elements.get(number - 1, [])[-1:], *members]
-            found += itertools.product(*((longer, members) if left_end == "first" else (members, longer)))
-        return found
+            factors += itertools.product(*((longer, members) if left_end == "first" else (members, longer)))
+        return factors
 
     def _left_end_of(self, pair: CanonicalPair) -> str | None:
         return self.left_end(pair) if callable(self.left_end) else self.left_end

@@ -55,7 +55,7 @@ def presolve(pairs: Sequence[LiftedPair], tolerance: float = 1e-7) -> list[SideV
         cannot be met.
     """
     intervals = ExpressionBounds()
-    found = []
+    zero_sides = []
     for pair in pairs:
         least_a, most_a = _range(pair.a, pair.pair.a, pair.pair.a_part, intervals)
         least_b, most_b = _range(pair.b, pair.pair.b, pair.pair.b_part, intervals)
@@ -73,10 +73,10 @@ def presolve(pairs: Sequence[LiftedPair], tolerance: float = 1e-7) -> list[SideV
                 f"{least_b:g}), but one has to be zero. Check the bounds and what is fixed."
             )
         if least_a > tolerance:
-            found.append(pair.b)
+            zero_sides.append(pair.b)
         elif least_b > tolerance:
-            found.append(pair.a)
-    return found
+            zero_sides.append(pair.a)
+    return zero_sides
 
 
 @contextmanager
@@ -115,7 +115,7 @@ def _range(side: SideVariable, expression: Any, part: SidePart, intervals: Expre
 
 @dataclass(eq=False)
 class RelaxedModel:
-    """What was generated for the pairs of a model.
+    """The generated variables and rows for the pairs of a model.
 
     Attributes
     ----------
@@ -176,7 +176,7 @@ class RelaxedModel:
         return self.block is not None and has_penalty(self.model)
 
     def start_lifted(self) -> None:
-        """Give generated variables the values of what they stand for."""
+        """Give generated variables the values of their sides."""
         for lifted in self.lifted:
             for side, number in zip((lifted.a, lifted.b), side_values(lifted.pair, unknown=0.0), strict=True):
                 if side.variable.parent_block() is self.block:
@@ -185,7 +185,7 @@ class RelaxedModel:
 
 @contextmanager
 def relaxed_model(model: Any, relaxation: Any, grouping: Any, delta: float) -> Iterator[RelaxedModel]:
-    """Relax what is not relaxed yet and decide what bounds decide; afterwards the model is as it was.
+    """Relax the pairs that are not relaxed yet, and decide pairs by bounds; afterwards the model is as it was.
 
     A relaxation that the user has applied is used and kept.
     """
@@ -209,8 +209,8 @@ def relaxed_model(model: Any, relaxation: Any, grouping: Any, delta: float) -> I
         yield RelaxedModel(model)
 
 
-def forget_removed(model: Any) -> None:
-    """Take out of the user's suffixes what is no part of the model any more: rows that were generated and removed."""
+def clean_suffixes(model: Any) -> None:
+    """Take generated rows that were removed out of the user's suffixes."""
     for suffix in model.component_objects(Suffix, active=True):
         # What was removed does not hold on to what it was in: that may be gone already.
         keys = [key for key in suffix if key is not None]

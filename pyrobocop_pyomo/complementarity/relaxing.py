@@ -1,4 +1,4 @@
-"""Relaxing the pairs of a model, asking about what was generated, and the way back.
+"""Relaxing the pairs of a model, questions about the generated parts, and the way back.
 
 `RelaxComplementarity` is the same as a transformation of Pyomo: `pyrobocop.relax_complementarity`.
 
@@ -31,10 +31,10 @@ from .preconditions import (
     only_objective,
     refuse_disjuncts,
     refuse_foreign_token,
-    refuse_leaves,
-    refuse_nothing,
+    refuse_missing_pairs,
     refuse_second_delta,
     refuse_unusable,
+    refuse_unusable_leaves,
 )
 from .record import (
     BLOCK_NAME,
@@ -183,7 +183,7 @@ def _objective_with_penalty(record: RelaxationRecord) -> Objective:
     term = record.relaxation.coefficient(main.delta) * amount
     if users is None:
         return Objective(expr=term, sense=minimize)
-    # The user's objective enters by name: what is later assigned to it is followed.
+    # The user's objective enters by name, so that later assignments are followed.
     return Objective(expr=users + term if users.is_minimizing() else users - term, sense=users.sense)
 
 
@@ -252,12 +252,12 @@ def relax(
     refuse_unusable(model)
     with PauseGC():
         sources = active_sources(model, targets)
-        refuse_nothing(model, sources, targets)
+        refuse_missing_pairs(model, sources, targets)
         refuse_second_delta(model)
         objective = _penalised(model) if isinstance(chosen, ObjectiveTerm) else None
         forms = [canonical_form(source) for source in sources]
         refuse_disjuncts(model, sources)
-        refuse_leaves(forms)
+        refuse_unusable_leaves(forms)
         record = new_record(delta, chosen, groups, bool(lift), objective)
         state_rows(record, model, forms)
         deactivate(sources)
@@ -376,7 +376,7 @@ def without_penalty(model: Any) -> Iterator[None]:
 
 
 def rows_of(source: Any) -> list[Any]:
-    """Return the generated rows of a pair: those that relax its products, then those of its sides."""
+    """Return the generated rows of a pair: first the rows that relax its products, then the rows of its sides."""
     for record in records_above(source):
         statement = record.statements.get(source)
         if statement is None:

@@ -1,4 +1,4 @@
-"""Transformations that put other rows in place of the user's, reversibly, and what they have in common.
+"""Transformations that put other rows in place of the user's, reversibly, and their common parts.
 
 `pyrobocop.absolute_values_to_complementarity` makes two parts of each absolute value: what a product says by its
 factors, and where it is zero or smooth, is found by structure. `pyrobocop.complementarity_to_disjunctions` makes
@@ -40,8 +40,8 @@ from pyrobocop_pyomo.modeling.shared_nodes import topmost_nodes
 
 from .component import Complementarity, index_without_time
 from .forms import CanonicalForm
-from .pairs import PAIR_TYPES, PairResidual, active_parts, canonical_form, home_of, pair_residuals
-from .preconditions import refuse_foreign_token, refuse_leaves, refuse_nothing, refuse_unusable
+from .pairs import PAIR_TYPES, PairResidual, active_parts, block_of_rows, canonical_form, pair_residuals
+from .preconditions import refuse_foreign_token, refuse_missing_pairs, refuse_unusable, refuse_unusable_leaves
 from .statement import complements
 
 
@@ -99,7 +99,7 @@ class RowReplacement(Transformation):
         refuse_unusable(model)
         homes: dict[int, tuple[Any, list[Any]]] = {}
         for row in self._rows(model, targets):
-            home = home_of(row.parent_block(), model)
+            home = block_of_rows(row.parent_block(), model)
             homes.setdefault(id(home), (home, []))[1].append(row)
         # All that can fail is done on blocks that are no part of the model yet.
         filled = []
@@ -184,7 +184,7 @@ def _record_of(block: Any) -> ReplacementRecord:
 
 @dataclass
 class _Part:
-    """What is known of one absolute value.
+    """Facts about one absolute value.
 
     Attributes
     ----------
@@ -243,7 +243,7 @@ class AbsoluteValuesToComplementarity(RowReplacement):
 
     Option of ``apply_to`` and ``create_using``: ``targets`` (blocks, constraints, objectives, or single ones of them;
     default all). Rows and objectives keep their names and get another expression; those in disjuncts are left alone.
-    The parts start at those of the values on the model.
+    The parts start at the parts of the values on the model.
     """
 
     kinds = (Constraint, Objective)
@@ -254,7 +254,7 @@ class AbsoluteValuesToComplementarity(RowReplacement):
     def _fill(self, block: Any, rows: list[Any]) -> list[tuple[Any, Any]]:
         parts: dict[int, _Part] = {}  # by the argument: equal ones of one variable share their parts
         places: dict[int, list[int]] = {}
-        found = []
+        rows_to_fill = []
         for row in rows:
             uses = list(_uses(row))
             for count, (node, needs_pair) in enumerate(uses):
@@ -264,7 +264,7 @@ class AbsoluteValuesToComplementarity(RowReplacement):
                 part.needs_pair |= needs_pair
                 places.setdefault(id(argument), []).append(id(node))
             if uses:
-                found.append(row)
+                rows_to_fill.append(row)
         known = list(parts.values())
         block.positive, block.negative = (Var(range(len(known)), bounds=(0, None)) for _ in range(2))
         sums = {node: block.positive[i] + block.negative[i] for i, key in enumerate(parts) for node in places[key]}
@@ -283,7 +283,7 @@ class AbsoluteValuesToComplementarity(RowReplacement):
                 rule=lambda b, i: complements(b.positive[i], b.negative[i]),
                 family=lambda b, i: known[i].family,
             )
-        return [(row, _replaced(row.expr, sums)) for row in found]
+        return [(row, _replaced(row.expr, sums)) for row in rows_to_fill]
 
     def _nothing_found(self, where: str) -> str:
         return f"no active row or objective in {where} holds abs(...) of an expression that may be zero."
@@ -387,7 +387,7 @@ class ComplementarityToDisjunctions(RowReplacement):
 
     Nothing is relaxed: with linear sides and a convex objective the answer is global. A range ``l <= F <= u ⟂ H``
     becomes ``[F == l, H >= 0] v [F == u, H <= 0] v [H == 0]``. Apply ``gdp.bigm`` or ``gdp.hull`` afterwards: they take
-    bounds of the sides from those of the variables. Discrete variables are welcome in a side.
+    bounds of the sides from the bounds of the variables. Discrete variables are welcome in a side.
 
     Option of ``apply_to`` and ``create_using``: ``targets`` (blocks, components or single pairs; default all). The
     pairs are deactivated and never changed. Revert before a reformulation such as ``gdp.bigm``, which has no way back,
@@ -401,12 +401,12 @@ class ComplementarityToDisjunctions(RowReplacement):
 
     def _rows(self, model: Any, targets: Any) -> list[Any]:
         sources = super()._rows(model, targets)
-        refuse_nothing(model, sources, targets)
+        refuse_missing_pairs(model, sources, targets)
         return sources
 
     def _fill(self, block: Any, rows: list[Any]) -> list[tuple[Any, Any]]:
         forms = [canonical_form(source) for source in rows]
-        refuse_leaves(forms, discrete_allowed=True)
+        refuse_unusable_leaves(forms, discrete_allowed=True)
         block.rows = ConstraintList()
         block.disjuncts = Disjunct(AnyIndex)
         block.choices = Disjunction(NonNegativeIntegers)

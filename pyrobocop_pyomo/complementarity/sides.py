@@ -32,7 +32,7 @@ def check_sides(first: Any, second: Any, choices: tuple[str | None, str | None],
     """Refuse sides that can never make a statement, whatever the bounds and parameters will be when it is used.
 
     Refused are objects that are not sides, two equalities, two relations with two bounds, and sides without a bound.
-    The parameters are those of `forms.form_of`; the name of the pair is read only when a message is written.
+    The parameters are the same as in `forms.form_of`; the name of the pair is read only when a message is written.
     """
     check_side(first, choices[0], pair)
     check_side(second, choices[1], pair)
@@ -52,7 +52,7 @@ def check_sides(first: Any, second: Any, choices: tuple[str | None, str | None],
         if side.__class__ is EqualityExpression:
             refuse_equality_with_bounds(side, other, pair)
         if side.__class__ is other.__class__ is RangedExpression:
-            raise four_bounds(side, other, pair)
+            raise four_bounds_error(side, other, pair)
 
 
 def refuse_equality_with_bounds(side: Any, other: Any, pair: Any) -> None:
@@ -65,7 +65,7 @@ def refuse_equality_with_bounds(side: Any, other: Any, pair: Any) -> None:
         )
 
 
-def four_bounds(first: Any, second: Any, pair: Any) -> ComplementarityError:
+def four_bounds_error(first: Any, second: Any, pair: Any) -> ComplementarityError:
     """Return the refusal of a range against a range."""
     return ComplementarityError(
         f"'{pair.name}': sides '{first}' and '{second}' have four finite bounds, where two are needed. A range "

@@ -87,13 +87,13 @@ class Shared:
     def __init__(self, *components: str, penalty: float | ArrayLike = 1.0) -> None:
         if not components or not all(isinstance(name, str) and name for name in components):
             raise TeamError(f"Shared{components!r}: name one component or several, such as 'body.qx'.")
-        what = f"Shared({', '.join(map(repr, components))})"
-        weights = finite_numbers(penalty, f"{what}: penalty", TeamError)
+        label = f"Shared({', '.join(map(repr, components))})"
+        weights = finite_numbers(penalty, f"{label}: penalty", TeamError)
         if weights.ndim > 1 or weights.size == 0:
-            raise TeamError(f"{what}: penalty = {penalty!r}; expected a number, or one for each variable.")
+            raise TeamError(f"{label}: penalty = {penalty!r}; expected a number, or one for each variable.")
         if weights.min() <= 0:
             raise TeamError(
-                f"{what}: the penalty is not positive: its least weight is {weights.min():g}. Every disagreement has "
+                f"{label}: the penalty is not positive: its least weight is {weights.min():g}. Every disagreement has "
                 "to cost something."
             )
         object.__setattr__(self, "components", components)
@@ -133,7 +133,7 @@ class KeepApart:
     neighbours: int = 3
 
     def __post_init__(self) -> None:
-        """Refuse what is no distance."""
+        """Refuse a number that is no distance."""
         object.__setattr__(self, "components", tuple(self.components))
         if not self.components:
             raise TeamError("KeepApart: name the coordinates of a robot's position, such as ('me.x', 'me.y').")

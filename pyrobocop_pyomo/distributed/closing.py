@@ -180,7 +180,7 @@ class ClosedPlan:
 
     @property
     def holds(self) -> bool:
-        """Whether the agents' rows hold, as well as those of one model have to."""
+        """Whether the agents' rows hold, as well as the rows of one model have to."""
         return self.violation <= Tolerances().feasibility
 
 

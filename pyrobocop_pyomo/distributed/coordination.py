@@ -139,11 +139,11 @@ class Physics(Protocol):
 
     @property
     def robot_components(self) -> Sequence[str]:
-        """Names of what it reads of each robot's plan."""
+        """Names of the components that it reads of each robot's plan."""
 
     @property
     def hub_components(self) -> Sequence[str]:
-        """Names of what it reads of the hub's plan."""
+        """Names of the components that it reads of the hub's plan."""
 
     def __call__(self, plans: Plans) -> PlanScore:
         """Score the plans of all agents."""
@@ -211,7 +211,7 @@ class TeamState:
     steps: list[Array] = field(default_factory=list)
 
     def arrays(self) -> dict[str, Array]:
-        """Everything that there is as arrays by name."""
+        """The whole state as arrays by name."""
         return {name: np.array(held) for name, held in vars(self).items() if held is not None}
 
     @classmethod
@@ -356,7 +356,7 @@ class Coordination:
             values = {**reply, **values}
         return values
 
-    def go_on_from(self, states: Mapping[str, Mapping[str, Array]]) -> None:
+    def continue_from(self, states: Mapping[str, Mapping[str, Array]]) -> None:
         """Put agents into states that the engine gave, and see what their plans are there."""
         self.engine.restore(states)
         self.plans.update(self.engine.call_all("plan", dict.fromkeys(self.facts, ())))
@@ -379,9 +379,9 @@ class Coordination:
         ----------
         state : TeamState
         gaps : float array, shape (robots, n)
-            From what is agreed on to the robots' values.
+            From the agreed values to the robots' values.
         moved : float array, shape (n,)
-            How what is agreed on has changed.
+            The change of the agreed values.
         scored : bool
         """
         physics, apart = self.team.physics, np.abs(gaps).max(axis=0)

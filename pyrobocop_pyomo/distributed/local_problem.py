@@ -119,13 +119,13 @@ class LocalProblem:
 
     def _variables_of(self, name: str) -> list[Any]:
         component = self._merged.find(name)
-        found = variables_behind(component)
-        if not found:
+        variables = variables_behind(component)
+        if not variables:
             raise TeamError(
                 f"agent '{self.spec.name}': '{name}' is no variable and no block with variables, but "
                 f"{type(component).__name__}. Share variables."
             )
-        return found
+        return variables
 
     def _share(self, group: int, shared: Shared, variables: list[Any]) -> None:
         given = np.asarray(shared.penalty)
@@ -214,7 +214,7 @@ class LocalProblem:
         )
 
     def state(self) -> dict[str, Array]:
-        """Everything that a later solve depends on, as arrays."""
+        """The state that a later solve depends on, as arrays."""
         state = self.nlp.state
         start = np.array(list(self.start_states().values()))  # a plan that was moved ahead starts elsewhere
         if state is None:
@@ -264,7 +264,7 @@ class LocalProblem:
         Parameters
         ----------
         start : mapping of component name to float
-            Where the states are now, as `start_states` names them; those of other agents are left out.
+            Where the states are now, as `start_states` names them; states of other agents are left out.
         elements : int
         multipliers : float array, shape (n,), optional
             Of the agreement on the shared values.
@@ -370,8 +370,8 @@ def later_variables(model: Any, variables: Sequence[VarData]) -> list[VarData]:
     model : Block
     variables : sequence of VarData
     """
-    later, found = later_times(model), []
+    later, members = later_times(model), []
     for variable in variables:
         component, index = variable.parent_component(), _later_index(variable.index(), later)
-        found.append(component[index] if index is not None and index in component else variable)
-    return found
+        members.append(component[index] if index is not None and index in component else variable)
+    return members

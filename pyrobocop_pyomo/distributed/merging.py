@@ -1,4 +1,4 @@
-"""One model out of the models of several agents: what they share becomes one set of variables."""
+"""One model out of the models of several agents: shared quantities become one set of variables."""
 
 from __future__ import annotations
 
@@ -183,7 +183,7 @@ def _unify(first: Any, other: Any, names: Sequence[str], agreement: ConstraintLi
     replaced: list[tuple[Any, Any]] = []
     for name in names:
         masters, copies = _variable_components(first, name), _variable_components(other, name)
-        # In the order of the copies: that of a set of names differs between processes.
+        # In the order of the copies: a set of names has another order in each process.
         for label, copied in copies.items():
             if label not in masters:
                 continue

@@ -31,7 +31,7 @@ class Method(ABC):
         Which physical score ends the rounds, for teams with physics; "rounds" goes on to the last. Success is a
         plan that is at least practical.
     tolerance : float
-        Without physics: largest disagreement, and largest change of what is agreed on in a round.
+        Without physics: largest disagreement, and largest change of an agreed value in a round.
     iterations : int
         Limit of Ipopt's iterations per solve.
     score_below : float
@@ -97,7 +97,7 @@ class Method(ABC):
         """Make the first state."""
 
     def round(self, work: Coordination, state: TeamState) -> Round:
-        """Carry out a round: all robots, then what they agree on and their multipliers."""
+        """Carry out a round: all robots, then the agreed values and their multipliers."""
         work.begin_round()
         is_first = self.has_hub and state.round == 0
         is_late = self.until == "rounds" or state.mu is None or state.mu <= self.score_below
@@ -136,7 +136,7 @@ class Method(ABC):
 
     @abstractmethod
     def next_target(self, work: Coordination, state: TeamState) -> Array:
-        """What is agreed on after the robots' reports."""
+        """The agreed values after the robots' reports."""
 
 
 @dataclass(frozen=True)
@@ -241,7 +241,7 @@ class Sova(Method):
         return state
 
     def pull(self, work: Coordination, state: TeamState) -> tuple[Array, Array]:
-        """Towards what is between each robot's values and those of all others, which the mean of all tells."""
+        """Towards the middle between each robot's values and the values of all others, which the mean of all tells."""
         weights, count = work.consensus.weights(state.factors), len(work.robots)
         between = count * state.target + (count - 2) * state.values
         return state.multipliers - weights * between, 2.0 * (count - 1) * weights

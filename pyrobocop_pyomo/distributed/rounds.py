@@ -166,9 +166,9 @@ class Round(Presented):
         From 0.
     mu : float or None
     disagreement : float array
-        Largest distance of an agent's value from what is agreed on, for each `Shared`, in its unit.
+        Largest distance of an agent's value from the agreed value, for each `Shared`, in its unit.
     change : float array
-        Largest change of what is agreed on since the round before.
+        Largest change of an agreed value since the round before.
     scaled : float array
         Disagreement times the square root of the penalty as given.
     factors : float array

@@ -31,7 +31,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class Team:
-    """Agents with models of their own, and what they share.
+    """Agents with models of their own, and their shared quantities.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class Team:
 
     Notes
     -----
-    The names of components in a `Shared` are those of the agents' own models. What one robot shares with the hub alone
+    A `Shared` names components as the agents' own models do. What one robot shares with the hub alone
     is named with ``{robot}``.
 
     References
@@ -245,7 +245,7 @@ class Team:
 
 
 def _built_with_zeros(agent: Agent, components: Sequence[str]) -> Any:
-    """Build an agent's model and hold what is named at zero."""
+    """Build an agent's model and hold the named quantities at zero."""
     alone = merge_agents([agent], ())
     for name in components:
         for variable in variables_behind(alone.find(name)):
@@ -322,12 +322,12 @@ class _Rounds:
         is_enough = closed.holds if self._team.physics is None else ends_rounds(closed.score, self._method.until)
         return is_enough and self._team.keeps_apart(closed.plans)
 
-    def _keep_best(self, found: ClosedPlan) -> None:
+    def _keep_best(self, plan: ClosedPlan) -> None:
         worth, best = self._team.worth, self._best
         # Later plans agree better and are cheaper as a rule.
-        is_known = found.holds if self._team.physics is None else found.score is not None
-        if is_known and (best is None or worth(found.score, found.plans) >= worth(best.score, best.plans)):
-            self._best = found
+        is_known = plan.holds if self._team.physics is None else plan.score is not None
+        if is_known and (best is None or worth(plan.score, plan.plans) >= worth(best.score, best.plans)):
+            self._best = plan
 
     def _line(self, record: Round) -> str:
         apart = " ".join(f"{gap:.1e}" for gap in record.disagreement)
@@ -371,5 +371,5 @@ class _Rounds:
                     raise TeamError(
                         f"{path}: '{name}' of {owner} has values that are not finite. Delete the file to start anew."
                     )
-        self._work.go_on_from(saved.states)
+        self._work.continue_from(saved.states)
         return TeamState.of_arrays(saved.coordinator)

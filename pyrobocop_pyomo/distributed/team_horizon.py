@@ -39,7 +39,7 @@ class PlanningStep:
 
     @property
     def disagreement(self) -> Array:
-        """Largest distance of an agent's value from what is agreed on, for each `Shared`, after the last round."""
+        """Largest distance of an agent's value from the agreed value, for each `Shared`, after the last round."""
         return self.rounds[-1].disagreement
 
     @property

@@ -52,7 +52,7 @@ class TeamResult(Presented):
     objective : float
         Sum of the agents' objectives for the plans.
     closings : sequence of ClosedPlan
-        What the closing steps gave; the plans are those of the last one where it is the best.
+        The results of the closing steps; the plans come from the last one where it is the best.
     physics : object or None
         What scored the plans.
     keep_apart : KeepApart or None
@@ -84,16 +84,16 @@ class TeamResult(Presented):
         return not self._shortcomings()
 
     def _shortcomings(self) -> list[str]:
-        found = []
+        shortcomings = []
         if self.physics is None and not self.agreement:
-            found.append("the agents do not agree within the tolerance")
+            shortcomings.append("the agents do not agree within the tolerance")
         if self.physics is not None and not is_success(self.score):
-            found.append("no plan was scored" if self.score is None else "the plan is not practical by physics")
+            shortcomings.append("no plan was scored" if self.score is None else "the plan is not practical by physics")
         rule, least = self.keep_apart, self.least_distance
         if rule is not None and least is not None and not least >= TOO_NEAR * rule.distance:
             known = "it is not known how near robots come" if np.isnan(least) else f"robots come within {least:.3g} m"
-            found.append(f"{known}, and are to keep {rule.distance:g} m apart")
-        return found
+            shortcomings.append(f"{known}, and are to keep {rule.distance:g} m apart")
+        return shortcomings
 
     @property
     def iterations(self) -> float:
@@ -218,13 +218,13 @@ class Checkpoint:
         try:
             facts, groups = read_archive(path)
             states = {name: groups[f"agent{i}"] for i, name in enumerate(facts["agents"])}
-            found = cls(int(facts["round"]), str(facts["fingerprint"]), states, groups["coordinator"])
+            checkpoint = cls(int(facts["round"]), str(facts["fingerprint"]), states, groups["coordinator"])
         except (TrajectoryError, KeyError, TypeError, ValueError) as error:
             raise TeamError(f"{path}: no checkpoint can be read from it ({error.__cause__ or error!r}).") from error
-        if fingerprint is not None and found.fingerprint != fingerprint:
+        if fingerprint is not None and checkpoint.fingerprint != fingerprint:
             raise TeamError(
-                f"{path}: written by another team (fingerprint {found.fingerprint[:12]}, this one has "
-                f"{fingerprint[:12]}; its agents are {', '.join(found.states)}). Builders, data, shared quantities "
-                "and options have to be the same. To start anew, take another file or delete this one."
+                f"{path}: written by another team (fingerprint {checkpoint.fingerprint[:12]}, this one has "
+                f"{fingerprint[:12]}; its agents are {', '.join(checkpoint.states)}). Builders, data, shared "
+                "quantities and options have to be the same. To start anew, take another file or delete this one."
             )
-        return found
+        return checkpoint

@@ -281,7 +281,7 @@ class Engine(AbstractContextManager["Engine"]):
             if name not in self._agents:
                 raise EngineError(f"no agent '{name}'; the agents are {', '.join(self._agents)}.")
             if name not in self._given_up:
-                requests.append(self._agents[name].calling(method, given, with_states and not self.in_this_process))
+                requests.append(self._agents[name].request_for(method, given, with_states and not self.in_this_process))
         replies: dict[str, Reply] = {**self._given_up}
         with undone_on_failure(self.stop):  # what its workers do then is not known any more
             for request, reply in self.replies(requests):

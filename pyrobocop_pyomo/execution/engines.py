@@ -104,7 +104,7 @@ class ExecutorEngine(Engine):
             ) from error
 
     def close(self) -> None:
-        """End what was opened; an executor that was given goes on."""
+        """End an executor that was opened here; a given one goes on."""
         self._opened.close()
 
 

@@ -138,7 +138,7 @@ def _done_on_engine(
         while waiting and idle:
             task = waiting.pop()
             at_place = Request("solver", spec, idle.pop(), task.key)
-            requests.append(at_place.calling("solve", (deadline.left, *task.arguments)))
+            requests.append(at_place.request_for("solve", (deadline.left, *task.arguments)))
 
     with engine:
         engine.deaths.clear()

@@ -61,7 +61,7 @@ class Request:
     arguments: bytes = b""
     with_state: bool = False
 
-    def calling(self, method: str, arguments: tuple[Any, ...], with_state: bool = False) -> Request:
+    def request_for(self, method: str, arguments: tuple[Any, ...], with_state: bool = False) -> Request:
         """The request to call a method."""
         packed_arguments = pickle.dumps(arguments, pickle.HIGHEST_PROTOCOL)
         return replace(self, method=method, arguments=packed_arguments, with_state=with_state)
@@ -134,7 +134,7 @@ class WorkerHost:
         self._agents: dict[str, tuple[int, Any]] = {}  # with the number of the state that each is in
 
     def answer(self, request: Request) -> Answer:
-        """Do what is required."""
+        """Answer a request."""
         answer = Answer.of(lambda: getattr(self._agent(request), request.method)(*_read(request.arguments)))
         if not request.with_state or request.agent not in self._agents:
             return answer

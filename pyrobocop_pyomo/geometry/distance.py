@@ -189,7 +189,7 @@ class PointSets(NamedTuple):
 
     @classmethod
     def of(cls, shapes: Sequence[Polytope]) -> PointSets:
-        """Those of shapes that are alike."""
+        """The corners of shapes that are alike."""
         ellipsoids = [shape.ellipsoids for shape in shapes if shape.ellipsoids is not None]
         return cls(
             np.stack([shape.vertices for shape in shapes]),
@@ -322,7 +322,7 @@ def _point_of_contact(
 
 
 def _gaps(normals: np.ndarray, p: np.ndarray, q: np.ndarray, rays: np.ndarray) -> np.ndarray:
-    """Widths of the gaps (k,) along unit normals (k, d); `rays` are those of the differences."""
+    """Widths of the gaps (k,) along unit normals (k, d); `rays` are the rays of the differences."""
     widths = (p @ normals.T).min(axis=0) - (q @ normals.T).max(axis=0)
     if len(rays):
         widths[(rays @ normals.T).min(axis=0) < -LEVEL] = -np.inf

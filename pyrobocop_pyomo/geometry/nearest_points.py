@@ -89,25 +89,25 @@ def nearest_difference(
         if norm <= EXACT * scale:
             break
         direction = np.array(point)
-        found = _lowest(first, second, direction)
-        short_by = norm - _dot(found.at, point) / norm
+        lowest = _lowest(first, second, direction)
+        short_by = norm - _dot(lowest.at, point) / norm
         if len(rays):
             slopes = rays @ direction
             # Rays that are kept are level but for rounding, as is one that has just been found to gain nothing.
             slopes[[j for i, j in (one.rows for one in kept) if i < 0] + idle_rays] = 0.0
             steepest = int(slopes.argmin())
             if slopes[steepest] < -LEVEL * norm:
-                found, short_by = _Kept((-1, steepest), (rays[steepest] * scale).tolist()), norm
-        if short_by <= EXACT * scale or any(found.rows == other.rows for other in kept):
+                lowest, short_by = _Kept((-1, steepest), (rays[steepest] * scale).tolist()), norm
+        if short_by <= EXACT * scale or any(lowest.rows == other.rows for other in kept):
             break
-        kept, weights, nearer = _best_combination([*kept, found], [*weights, 0.0])
+        kept, weights, nearer = _best_combination([*kept, lowest], [*weights, 0.0])
         square, before = _dot(nearer, nearer), square
         if square >= before:  # nothing gained but rounding, in length; the direction may still gain
             idle += 1
             if idle > LARGEST_IDLE_COUNT:
                 break
-            if not found.is_point:
-                idle_rays.append(found.rows[1])
+            if not lowest.is_point:
+                idle_rays.append(lowest.rows[1])
         else:
             idle_rays.clear()
         point, norm = nearer, square**0.5
@@ -160,8 +160,8 @@ def nearest_differences(
     for count in range(LARGEST_COUNT_AT_ONCE):
         norm = np.sqrt(_dot(point, point))
         apart = norm > least
-        found = _lowest_of_each(first, second, point)
-        short_by = norm - _dot(found, point) / np.where(apart, norm, 1.0)
+        lowest = _lowest_of_each(first, second, point)
+        short_by = norm - _dot(lowest, point) / np.where(apart, norm, 1.0)
         proven = apart & (short_by <= (PROVEN if count < LARGEST_COUNT_AT_ONCE - 1 else ACCEPTED) * scale)
         if enough is not None:
             proven |= apart & (norm - short_by >= enough[pairs])
@@ -170,7 +170,7 @@ def nearest_differences(
         if not going.any():
             break
         pairs, first, second, scale, least = (array[going] for array in (pairs, first, second, scale, least))
-        kept, weights, point = _best_combinations(kept[:, :, going], weights[:, going], found[:, going])
+        kept, weights, point = _best_combinations(kept[:, :, going], weights[:, going], lowest[:, going])
     return nearest
 
 
@@ -195,7 +195,7 @@ def _best_combination(kept: list[_Kept], weights: list[float]) -> tuple[list[_Ke
         others = [one for k, one in enumerate(kept) if k != base]
         spans = [[a - b for a, b in zip(o.at, origin, strict=True)] if o.is_point else o.at for o in others]
         target, point = _nearest_of_affine_hull(origin, spans)
-        # Weights of points sum to one, those of rays are free.
+        # Weights of points sum to one, weights of rays are free.
         target.insert(base, 1.0 - sum(weight for one, weight in zip(others, target, strict=True) if one.is_point))
         falling = [k for k, weight in enumerate(target) if weight <= 0.0]
         if not falling:

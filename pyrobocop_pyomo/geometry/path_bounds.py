@@ -82,10 +82,8 @@ class PathBounds:
     def boxes(self) -> Interval:
         """Axis-aligned boxes that contain the shape during each subinterval, shape ``(m, d)``."""
         dimension, count = self.shape.dimension, len(self.start)
-        along_axes, normals = (
-            self.subset(np.repeat(np.arange(count), dimension)),
-            np.tile(np.eye(dimension), (count, 1)),
-        )
+        along_axes = self.subset(np.repeat(np.arange(count), dimension))
+        normals = np.tile(np.eye(dimension), (count, 1))
         starts, ends = heights(normals, along_axes.at_start), heights(normals, along_axes.at_end)
         curvature, value = along_axes.curvature_bounds(normals), along_axes.value_bounds(normals)
         lowest, highest = (

@@ -116,7 +116,7 @@ def corners_of(normals: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, np
     Returns
     -------
     (v, dimension) and (k, dimension) arrays
-        A direction in which the set extends both ways is two rays; corners are then those of a section.
+        A direction in which the set extends both ways is two rays; the corners are then corners of a section.
 
     Raises
     ------
@@ -157,7 +157,7 @@ def _met_by_planes(corners: np.ndarray, normals: np.ndarray, offsets: np.ndarray
 
 
 class EmptyInterior(ArithmeticError):
-    """No ball fits between the planes; ``radius`` is that of the largest, relative (negative: empty)."""
+    """No ball fits between the planes; ``radius`` is the radius of the largest, relative (negative: empty)."""
 
     def __init__(self, radius: float) -> None:
         super().__init__(radius)
@@ -170,7 +170,7 @@ def largest_ball(normals: np.ndarray, offsets: np.ndarray) -> tuple[np.ndarray, 
     whole = scale = float(np.abs(offsets).max()) or 1.0
     center = np.zeros(dimension)
     for _ in range(4):
-        # Planes far away, cut short, only make the ball smaller; their numbers would drown those of the near ones.
+        # Planes far away, cut short, only make the ball smaller; their numbers would drown the numbers of near ones.
         solution = scipy.optimize.linprog(
             np.append(np.zeros(dimension), -1.0),
             A_ub=np.column_stack([normals, np.ones(len(normals))]),

@@ -85,7 +85,7 @@ class Polytope(Presented):
         ------
         ObstacleError
             For corners that are not finite or span no volume, and for an outline that crosses itself or is not
-            convex: its hull would silently fill what is free. `decompose` cuts it into convex parts.
+            convex: its hull would silently fill free space. `decompose` cuts it into convex parts.
         """
         points = read_points(vertices, name)
         return cls._of_points(points, radius, name, allow_flat=allow_flat, ordered=True)

@@ -42,7 +42,7 @@ class Pose:
     angles: tuple[Entry, ...] = field(default=(), compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        # Rules may compute with arrays of expressions; what is kept is plain.
+        # Rules may compute with arrays of expressions; plain expressions are kept.
         object.__setattr__(self, "rotation", tuple(tuple(map(plain_entry, row)) for row in self.rotation))
         object.__setattr__(self, "translation", tuple(map(plain_entry, self.translation)))
 

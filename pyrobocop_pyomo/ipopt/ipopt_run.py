@@ -285,7 +285,7 @@ def run_ipopt(
         ``linear_solver="ldl"``, and by default where it suits the program, Ipopt uses the linear solver of this
         package; where such a run fails, MUMPS has a try from the same start.
     start : PrimalDualPoint, optional
-        First point and multipliers, by default ``nlp.x_start`` and those of `PrimalDualPoint.complete`.
+        First point and multipliers, by default ``nlp.x_start`` and the multipliers of `PrimalDualPoint.complete`.
     deadline : Deadline
         Ipopt stops after the first iteration that ends later.
     scaling : ProblemScaling, optional
@@ -415,7 +415,7 @@ def _pass_on(written: TextIO, streams: Iterable[TextIO]) -> None:
 
 
 def _time_limit(options: Mapping[str, Any], deadline: Deadline) -> dict[str, float]:
-    """What is left, unless the caller's own limit is shorter; Ipopt takes no limit of zero."""
+    """The time that is left, unless the caller's own limit is shorter; Ipopt takes no limit of zero."""
     if deadline.left is None:
         return {}
     return {"max_wall_time": max(min(deadline.left, float(options.get("max_wall_time", deadline.left))), 1e-6)}
@@ -528,7 +528,7 @@ def _key(library: IpoptLibrary, name: str, value: Any) -> tuple[str, ...]:
 
 def _set(library: IpoptLibrary, problem: int, name: str, value: Any) -> bool:
     known = _key(library, name, value)
-    for attempt in [_ACCEPTED[known]] if known in _ACCEPTED else readings(name, value):
+    for attempt in [_ACCEPTED[known]] if known in _ACCEPTED else possible_values(name, value):
         add = getattr(library.functions, _ADDED_BY[type(attempt)])
         if add(problem, name.encode(), attempt.encode() if isinstance(attempt, str) else attempt):
             _ACCEPTED[known] = attempt
@@ -536,7 +536,7 @@ def _set(library: IpoptLibrary, problem: int, name: str, value: Any) -> bool:
     return False
 
 
-def readings(name: str, value: Any) -> list[str | int | float]:
+def possible_values(name: str, value: Any) -> list[str | int | float]:
     """What the value of an option can mean to Ipopt, most literal first.
 
     Raises
@@ -548,7 +548,7 @@ def readings(name: str, value: Any) -> list[str | int | float]:
         return ["yes" if value else "no"]
     if isinstance(value, str):
         try:
-            return [value, *readings(name, float(value))]
+            return [value, *possible_values(name, float(value))]
         except ValueError:
             return [value]
     if isinstance(value, numbers.Real):

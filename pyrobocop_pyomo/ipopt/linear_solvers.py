@@ -48,7 +48,7 @@ SAID_OF_OWN_SOLVER = (
 def linear_solver_options() -> dict[str, str]:
     """Options with which any Ipopt from version 3.14 on loads the linear solver of this package.
 
-    For solvers other than those of this package::
+    For solvers other than the solver of this package::
 
         pyo.SolverFactory("pyrobocop.ipopt").solve(m, options=linear_solver_options())
         nlpsol("solver", "ipopt", nlp, {"ipopt": linear_solver_options()})  # CasADi
@@ -99,7 +99,7 @@ def with_linear_solver(options: Mapping[str, Any], nlp: NonlinearProgram | None 
 
 
 def refused_options(options: Mapping[str, Any]) -> ModelError:
-    """What is said where Ipopt refused options before its first iteration: why is in its log only."""
+    """The message where Ipopt refused options before its first iteration: why is in its log only."""
     return ModelError(
         f"Ipopt refused its options as inconsistent: {dict(options)}. Its log says which, and why: tee=True. Of linear "
         f"solvers 'mumps' and '{OWN_SOLVER}' are there; those of HSL and Pardiso it loads, options={{'linear_solver': "

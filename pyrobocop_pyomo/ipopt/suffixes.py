@@ -1,6 +1,6 @@
 """What goes in and out of a model by suffixes: multipliers in Pyomo's signs, and scaling factors.
 
-Ipopt's Lagrangian is that of a minimisation, with every multiplier of a bound not negative. Pyomo's suffixes follow
+Ipopt's Lagrangian belongs to a minimisation, with every multiplier of a bound not negative. Pyomo's suffixes follow
 AMPL: ``dual`` is the change of the objective, as the user stated it, per unit of the row's right-hand side. So with
 ``sign`` 1 for minimising and -1 for maximising, as the ``ipopt`` executable has it::
 

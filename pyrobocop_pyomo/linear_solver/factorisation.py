@@ -269,13 +269,13 @@ class SymmetricFactorisation:
 
         None where the structure of the factor needs more memory than can be had.
         """
-        found, entries = np.zeros(3), np.ascontiguousarray(values, dtype=np.float64)
+        sizes, entries = np.zeros(3), np.ascontiguousarray(values, dtype=np.float64)
         if entries.shape != (self.entries,):
             raise ValueError(f"'values' has shape {entries.shape}; this matrix needs ({self.entries},).")
         failed = self._functions.pyrobocop_factor_size(
-            self.n, self.entries, _address(self._rows), _address(self._columns), _address(entries), _address(found)
+            self.n, self.entries, _address(self._rows), _address(self._columns), _address(entries), _address(sizes)
         )
-        return None if failed else FactorSize(float(found[0]), float(found[1]), int(found[2]))
+        return None if failed else FactorSize(float(sizes[0]), float(sizes[1]), int(sizes[2]))
 
 
 def _indices(n: int, values: Any, name: str) -> IntArray:

@@ -26,7 +26,7 @@ from pyrobocop_pyomo.phases.families import equations_by_component, name_of, nam
 from pyrobocop_pyomo.phases.record import labelled_rows
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .tied_starts import solved_start
+from .linked_initial_states import solve_start
 
 # ---------------------------------------------------------------------------------------------------- what a link joins
 
@@ -156,7 +156,7 @@ def _state_name(label: str, phase: Any, state: Any) -> str:
 
 
 def jump_of(
-    what: str, second: Any, pre: PhaseEnd, post: PhaseEnd, jump: Callable[..., Any] | None
+    where: str, second: Any, pre: PhaseEnd, post: PhaseEnd, jump: Callable[..., Any] | None
 ) -> tuple[dict[str, Any], dict[Any, Any], set[str]]:
     """Ask the rule: expressions by state, relations by label, and the states whose start these give.
 
@@ -175,26 +175,26 @@ def jump_of(
         if "unhashable" not in str(error):
             raise
         raise ModelError(
-            f"{what}: a variable cannot be the key of a dict. Write {{'speed': ...}}, the name of the state, "
+            f"{where}: a variable cannot be the key of a dict. Write {{'speed': ...}}, the name of the state, "
             "or the relation post.speed == ..."
         ) from error
     if isinstance(result, Mapping):
-        for state, expression in plain_expressions(equations_by_component(second.record, result, what)).items():
-            name = _state_name(f"{what}, its jump", second, state)
+        for state, expression in plain_expressions(equations_by_component(second.record, result, where)).items():
+            name = _state_name(f"{where}, its jump", second, state)
             numeric = expression.__class__ in native_numeric_types or hasattr(expression, "is_numeric_type")
             if isinstance(expression, RelationalExpression) or not numeric:
                 raise ModelError(
-                    f"{what}: the jump gives '{expression}' as the start of '{name}'; expected an expression."
+                    f"{where}: the jump gives '{expression}' as the start of '{name}'; expected an expression."
                 )
             if name in expressions:
-                raise ModelError(f"{what}: the jump gives the start of '{name}' twice.")
+                raise ModelError(f"{where}: the jump gives the start of '{name}' twice.")
             expressions[name] = expression
         return expressions, relations, set(expressions)
     seen: set[int] = set()
     for label, relation in labelled_rows("constraint", plain_expressions(result)).items():
         if not isinstance(relation, (RelationalExpression, tuple)):
             raise ModelError(
-                f"{what}: the jump returned {relation!r}; expected {{state: expression}}, or one or several relations "
+                f"{where}: the jump returned {relation!r}; expected {{state: expression}}, or one or several relations "
                 "between pre and post. Is the return statement missing?"
             )
         relations[0 if label is None else label] = relation
@@ -292,7 +292,7 @@ class LinkData(BuiltBlockData):
         read = {id(variable) for row in rows for variable in variables_in(row.body, include_fixed=True)}
         starts = {name: getattr(self.post, name) for name in self.second.record.names_of_states}
         starts = {name: variable for name, variable in starts.items() if id(variable) in read}
-        found = solved_start(self._what, self.second, rows, starts.values(), [(self.first, trajectory)])
+        found = solve_start(self._what, self.second, rows, starts.values(), [(self.first, trajectory)])
         return dict(zip(starts, found, strict=True))
 
     @property
@@ -302,16 +302,16 @@ class LinkData(BuiltBlockData):
     def _build(self, phases: Any, *, states: Any, omit: list[Any], jump: Rule | None, parameters: list[Any]) -> None:
         first, second = _two_phases(self, self._phases_of(phases))
         self._record = _Ends(first, second, set())
-        what, pre, post = self._what, self.pre, self.post
-        expressions, relations, determined = jump_of(what, second, pre, post, jump)
+        where, pre, post = self._what, self.pre, self.post
+        expressions, relations, determined = jump_of(where, second, pre, post, jump)
         if states is None:
-            omitted = omitted_states(what, first, second, omit)
+            omitted = omitted_states(where, first, second, omit)
             self._record = _Ends(first, second, omitted)
-            continued = states_of_both(what, first, second, determined | omitted, pre._read)
+            continued = states_of_both(where, first, second, determined | omitted, pre._read)
         elif omit:
-            raise ModelError(f"{what}: states= says what continues, omit= what does not. Give one of them.")
+            raise ModelError(f"{where}: states= says what continues, omit= what does not. Give one of them.")
         else:
-            continued = states_given(what, first, second, states, determined)
+            continued = states_given(where, first, second, states, determined)
         shared = [self._shared_parameter(name_of(parameter)) for parameter in parameters]
         self.continuity = Constraint(list(continued))
         self.jump = Constraint([*expressions, *relations])
@@ -364,17 +364,17 @@ def _two_phases(link: LinkData, given: Any) -> tuple[PhaseBlockData, PhaseBlockD
     ModelError
         When they are not two single phases of the model that the link is on.
     """
-    what = f"link '{link.name}'"
+    where = f"link '{link.name}'"
     if not (isinstance(given, tuple) and len(given) == 2):
-        raise ModelError(f"{what}: expected two phases (first, second), found {given!r}.")
+        raise ModelError(f"{where}: expected two phases (first, second), found {given!r}.")
     for phase in given:
         if isinstance(phase, PhaseBlock) and phase.is_indexed():
-            raise ModelError(f"{what}: '{phase.name}' is indexed; give one of its phases, such as {phase.name}[1].")
+            raise ModelError(f"{where}: '{phase.name}' is indexed; give one of its phases, such as {phase.name}[1].")
         if not isinstance(phase, PhaseBlockData):
-            raise ModelError(f"{what}: {getattr(phase, 'name', repr(phase))!r} is no PhaseBlock.")
+            raise ModelError(f"{where}: {getattr(phase, 'name', repr(phase))!r} is no PhaseBlock.")
         if phase.model() is not link.model():
             raise ModelError(
-                f"{what}: phase '{phase.name}' belongs to the model '{phase.model().name}', the link to "
+                f"{where}: phase '{phase.name}' belongs to the model '{phase.model().name}', the link to "
                 f"'{link.model().name}'. Add both to one model."
             )
     return given

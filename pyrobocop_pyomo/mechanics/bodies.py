@@ -231,11 +231,11 @@ class RigidBody(ABC):
         """Declare the pose but for a rotation in space; that, and a guess of all velocities."""
         names = self.shape.names
         check_free(phase, *names.position, *names.orientation, *names.twist, *_QUATERNION, *_RULES)
-        for what, pose in (("start", start), ("goal", goal)):
+        for end, pose in (("start", start), ("goal", goal)):
             if pose is not None and len(pose) != len(names.twist):
                 angle = "an angle" if self.shape.names is PLANE else "a rotation vector"
                 raise ModelError(
-                    f"phase '{phase.name}': {what} = {pose!r}; expected {len(names.twist)} entries, a position and "
+                    f"phase '{phase.name}': {end} = {pose!r}; expected {len(names.twist)} entries, a position and "
                     f"{angle}."
                 )
         turn = None if names is PLANE else _Turn(phase, start, goal)
@@ -433,7 +433,7 @@ class _Turn:
 
     @staticmethod
     def state_goal(phase: Any, goal: Array) -> None:
-        """The rotation is that of the goal at the end."""
+        """The rotation is the goal's rotation at the end."""
         columns = goal.T.tolist()
         final = phase.final_time
 
@@ -658,7 +658,7 @@ def check_no_overlap(phase: Any, body: Any, names: Sequence[str], gap: Any) -> N
 
 
 def check_has(phase: Any, beside: Any, *names: str) -> None:
-    """Refuse a phase that lacks a component, or whose grid is not that of the phase beside it."""
+    """Refuse a phase that lacks a component, or whose grid differs from the grid of the phase beside it."""
     missing = [name for name in names if phase.component(name) is None]
     if missing:
         raise ModelError(

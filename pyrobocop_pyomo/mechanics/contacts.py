@@ -230,7 +230,7 @@ class RobotContact:
         # A constraint, because what it determines belongs to another phase.
         @phase.constraint
         def contact_wrench(b: Any, t: float) -> dict[str, Any]:
-            # The moment of the wrench's own force is shorter than that of its formula.
+            # The moment of the wrench's own force is shorter than the moment of its formula.
             moment = cross_product(self._lifted_gap(b, t).point, entries_at(push, names.wrench[:axes], t))
             formulas = [*wrench_on_body(b, t)[:axes], *moment]
             return {name: getattr(push, name)[t] == f for name, f in zip(names.wrench, formulas, strict=True)}

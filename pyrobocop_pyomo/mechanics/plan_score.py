@@ -120,13 +120,13 @@ class PhysicalScore(Presented):
 
     def misses(self, level: str) -> list[str]:
         """The numbers that miss the limits of "strict" or "practical"; each as ``'label: value unit (limit)'``."""
-        found = []
+        misses = []
         for entry in fields(self):
             value, limit, row = getattr(self, entry.name), entry.metadata[level], entry.metadata
             # A number that is not a number keeps no limit.
             if limit is not None and not (value > limit if entry.name == "distance" else value < limit):
-                found.append(f"{row['label']} ({row['whose']}): {value:.3g} {row['unit']} (limit {limit:g})")
-        return found
+                misses.append(f"{row['label']} ({row['whose']}): {value:.3g} {row['unit']} (limit {limit:g})")
+        return misses
 
     def __str__(self) -> str:
         word = "strict" if self.strict else "practical" if self.practical else "not physically valid"
@@ -234,7 +234,7 @@ class CombinedPlanScore:
 
     @property
     def robot_components(self) -> tuple[str, ...]:
-        """What is read of a robot's plan."""
+        """Components that are read of a robot's plan."""
         motion = [f"me.{kind}{axis}" for kind in ("", "v", "tau_") for axis in self.body.shape.names.axes]
         return (*motion, "me.c", *(f"me.{name}" for name in self.body.shape.names.tangential))
 
@@ -272,7 +272,7 @@ class CombinedPlanScore:
     def combined(self, plans: Mapping[str, Mapping[str, Array]]) -> tuple[PlannedBody, dict[str, PlannedRobot]]:
         """Reads the combined plan: the planned body, and the robots by name.
 
-        The object's trajectory is that of the agent that is no robot. Where all agents are robots, it is the mean of
+        The object's trajectory comes from the agent that is no robot. Where all agents are robots, it is the mean of
         their copies.
         """
         robots = {name: self._robot_of(name, plan) for name, plan in plans.items() if "me.x" in plan}

@@ -83,7 +83,7 @@ def cross_product(a: Vector, b: Vector) -> list[Any]:
 
 
 def rotation_rows(entries: Vector) -> list[list[Any]]:
-    """Rows of the rotation matrix with nine entries, or of that of one angle in the plane."""
+    """Rows of the rotation matrix with nine entries, or of the matrix of one angle in the plane."""
     if len(entries) == 1:
         s, c = sine(entries[0]), cosine(entries[0])
         return [[c, -s], [s, c]]

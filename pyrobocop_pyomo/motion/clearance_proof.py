@@ -62,7 +62,7 @@ def verify_clearance(
     bodies : mapping of name to Body
     clearances : dict of (str, str) to number, expression or callable
         The body pairs to check, and the distance that each has to keep: the same at all times, or
-        ``rule(block, t)``, a formula like that of a pose.
+        ``rule(block, t)``, a formula like a pose rule.
     tolerance : float, optional
         Distances down to ``clearance - tolerance`` count as kept; by default 1 % of each clearance, of its least value
         at the nodes where it changes.
@@ -97,9 +97,9 @@ def verify_clearance(
     shapes = moving_shapes(motion, watched)
     required = {pair: required_clearance(motion, asked, pair) for pair, asked in clearances.items()}
     parts = [shape for shapes_of_body in shapes.values() for shape in shapes_of_body]
-    led = replayed_motion(motion, [*parts, *required.values()], equations=equations)
+    replayed = replayed_motion(motion, [*parts, *required.values()], equations=equations)
     proofs = [
-        _Proof(p, q, clearance, _allowed(pair, clearance.least, tolerance), depth, max_subintervals, led)
+        _Proof(p, q, clearance, _allowed(pair, clearance.least, tolerance), depth, max_subintervals, replayed)
         for pair, clearance in required.items()
         for p in shapes[pair[0]]
         for q in shapes[pair[1]]
@@ -111,7 +111,7 @@ def verify_clearance(
         tuple(results),
         motion=motion.description,
         motion_is_assumed=motion.is_assumed,
-        equations=led.statement,
+        equations=replayed.statement,
     )
 
 
@@ -180,7 +180,7 @@ class _Proof:
     ----------
     tolerance, depth, max_subintervals
         As of `verify_clearance`.
-    led : EquationsMotion
+    replayed : EquationsMotion
     """
 
     first: MovingShape
@@ -189,15 +189,16 @@ class _Proof:
     tolerance: float
     depth: int
     max_subintervals: int
-    led: EquationsMotion
+    replayed: EquationsMotion
 
     def __post_init__(self) -> None:
         parts = (self.first, self.second, self.clearance)
         # How far the equations lead away from the plan, and why that is not known, where it is not.
-        self.deviation = np.sum([self.led.of(part.name) for part in parts], axis=0)
-        self.not_replayed = self.led.why_unknown if any(part.name in self.led.deviation for part in parts) else ""
+        self.deviation = np.sum([self.replayed.of(part.name) for part in parts], axis=0)
+        is_read = any(part.name in self.replayed.deviation for part in parts)
+        self.not_replayed = self.replayed.why_unknown if is_read else ""
         # By how much the formulas are wrong at the nodes.
-        self.mismatch = np.zeros(self.led.intervals) + sum(part.mismatch for part in parts)
+        self.mismatch = np.zeros(self.replayed.intervals) + sum(part.mismatch for part in parts)
         # More where the equations lead away from the plan.
         self.needed = np.where(np.isfinite(self.deviation), self.deviation, 0.0) - self.tolerance
         self.radii = self.first.shape.radius + self.second.shape.radius
@@ -232,7 +233,7 @@ class _Proof:
             self._measure(np.full(3, bounds.argmin()), np.array([0.0, 0.5, 1.0]))
 
     def result(self, ends: Array) -> BodyPairSafety:
-        """What was found, with the times of all intervals."""
+        """The findings, with the times of all intervals."""
         # Intervals in which more is wrong with the formulas than the tolerance stay undecided.
         self.proven[~(self.mismatch <= self.tolerance)] = -np.inf
         required = self.clearance.values(np.arange(len(ends)), self.instant)
@@ -322,11 +323,11 @@ class _Proof:
         p_curvature, q_curvature = p.curvature_bounds(normals), q.curvature_bounds(normals)
         rising = (length * required.lowest_curvature)[:, None, None]
         curvature = np.maximum(p_curvature.high[:, :, None] - q_curvature.low[:, None, :] - rising, 0.0)
-        asked = [(length * at)[:, None, None] for at in (required.at_start, required.at_end, required.highest)]
-        chord = np.minimum(ends[0] - asked[0], ends[1] - asked[1]) - p.deviation_factor[:, None, None] * curvature
+        offsets = [(length * at)[:, None, None] for at in (required.at_start, required.at_end, required.highest)]
+        chord = np.minimum(ends[0] - offsets[0], ends[1] - offsets[1]) - p.deviation_factor[:, None, None] * curvature
         # Where second derivatives are unbounded, values may still be bounded: a root that starts at zero, for example.
         values = p.value_bounds(normals).low[:, :, None] - q.value_bounds(normals).high[:, None, :]
-        gap = np.fmax(chord, values - asked[2]).min(axis=(1, 2))
+        gap = np.fmax(chord, values - offsets[2]).min(axis=(1, 2))
         # A normal that is not quite orthogonal to a ray loses the angle times the size of the scene.
         leaning = np.maximum(-p.ray_bounds(normals).low.min(axis=1, initial=0.0), 0.0)
         leaning = np.maximum(leaning, q.ray_bounds(normals).high.max(axis=1, initial=0.0))

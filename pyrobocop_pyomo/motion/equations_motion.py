@@ -2,7 +2,7 @@
 
 A plan is the polynomials of its states. The equations hold at the collocation points only; what the controls lead to is
 another motion, by the error of the discretisation. `PhaseBlock.reintegrate` gives its states. Here they become the
-distances of corners, which are taken off what is proven for the plan. Here it is decided, too, whether there is
+distances of corners, which are taken off the proven distances of the plan. Here it is decided, too, whether there is
 something to integrate, whether the integration can have seen all that the equations do, and whether the motion goes on
 where one phase follows another.
 """
@@ -17,7 +17,7 @@ import numpy as np
 from pyomo.core.base.constraint import Constraint
 
 from pyrobocop_pyomo.errors import PyRobocopError, TrajectoryError
-from pyrobocop_pyomo.links.tied_starts import ties_of
+from pyrobocop_pyomo.links.linked_initial_states import linked_initial_state
 from pyrobocop_pyomo.modeling.blocks import BuiltBlockData
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Array
@@ -42,7 +42,7 @@ LOST = 1e6
 
 @dataclass(frozen=True, eq=False)
 class EquationsMotion:
-    """The motion of the equations beside that of a plan.
+    """The motion of the equations beside the motion of a plan.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class EquationsMotion:
 
     @property
     def statement(self) -> str:
-        """What is known of the motion of the equations, in words; nothing where nobody followed it."""
+        """A sentence on the motion of the equations; empty where nobody followed it."""
         if not self.how:
             return ""
         largest = max((float(of.max(initial=0.0)) for of in self.deviation.values()), default=0.0)
@@ -101,7 +101,7 @@ def replayed_motion(
     phases = list(
         {id(home): home for of in components if isinstance(home := of.parent_block(), PhaseBlockData)}.values()
     )
-    found: dict[int, Reintegration] = {}
+    reintegrations: dict[int, Reintegration] = {}
     why, count = "", len(motion.intervals)
     if alone:
         why = NO_EQUATIONS
@@ -109,7 +109,7 @@ def replayed_motion(
         why = PLAN_ALONE
     elif any(map(_states_equations, phases)):  # elsewhere whatever moves a body is chosen: there is only the plan
         try:
-            found = {id(phase): reintegrated(phase) for phase in phases}
+            reintegrations = {id(phase): reintegrated(phase) for phase in phases}
         except PyRobocopError as error:
             why = str(error)
     elif not phases and _rows_move(components):
@@ -117,18 +117,18 @@ def replayed_motion(
     if why:
         unknown = {part.name: np.full(count, np.nan) for part, _ in moving}
         return EquationsMotion(count, unknown, why_unknown=why)
-    apart = {id(of): _differences(of, found, count) for _, of in moving if found}
+    apart = {id(of): _differences(of, reintegrations, count) for _, of in moving if reintegrations}
     deviation = {}
-    for part, of in moving if found else ():
+    for part, of in moving if reintegrations else ():
         with np.errstate(all="ignore"):
             largest = BETWEEN_INSTANTS * part.displacements(apart[id(of)]).reshape(count, -1).max(axis=1)
         deviation[part.name] = np.where(np.isfinite(largest), largest, np.inf)
-    how = "; ".join(dict.fromkeys(reintegration.how for reintegration in found.values()))
-    return EquationsMotion(count, deviation, how, _why_not_everywhere(phases, components, bool(found)))
+    how = "; ".join(dict.fromkeys(reintegration.how for reintegration in reintegrations.values()))
+    return EquationsMotion(count, deviation, how, _why_not_everywhere(phases, components, bool(reintegrations)))
 
 
 def reintegrated(phase: Any, after: tuple[Any, ...] = ()) -> Reintegration:
-    """The motion of a phase's equations at the current values, from where those of the phases before it lead.
+    """The motion of a phase's equations at the current values, from where the motions of the phases before it lead.
 
     All rows that tie its start, links and their jumps included, say where a phase starts when another one ends
     elsewhere than planned. What closes a circle, as in a periodic motion, starts at the plan.
@@ -145,18 +145,18 @@ def reintegrated(phase: Any, after: tuple[Any, ...] = ()) -> Reintegration:
         When its motion, or where it starts, is not known.
     """
     following = (phase, *after)
-    ties = ties_of(phase)
-    led = []
+    ties = linked_initial_state(phase)
+    motions = []
     for other in ties.before:
         if any(other is known for known in following):
             continue
         before = reintegrated(other, following)
         if before.open_loop is None:
             return replace(_states(phase), open_loop=None)
-        led.append((other, _led(other.trajectory(), before)))
+        motions.append((other, _motion_of_equations(other.trajectory(), before)))
     for other in ties.beside:
         _refuse_far_companion(phase, other)
-    return _states(phase, ties.start_after(led))
+    return _states(phase, ties.start_after(motions))
 
 
 def needed_reductions(phase: Any, reduction: float, after: tuple[Any, ...] = ()) -> list[tuple[Any, float]]:
@@ -178,12 +178,12 @@ def needed_reductions(phase: Any, reduction: float, after: tuple[Any, ...] = ())
         When its motion, or where it starts, is not known.
     """
     following = (phase, *after)
-    before = [other for other in ties_of(phase).before if not any(other is of for of in following)]
+    before = [other for other in linked_initial_state(phase).before if not any(other is of for of in following)]
     if not before:
         return [(phase, reduction)]
-    own, led = _states(phase), reintegrated(phase, after)
+    own, replayed = _states(phase), reintegrated(phase, after)
     shares = [(phase, by_own := _apart(own.open_loop, own.planned, own.planned))]
-    taken_over = 0.0 if by_own == LOST else _apart(led.open_loop, own.open_loop, own.planned)
+    taken_over = 0.0 if by_own == LOST else _apart(replayed.open_loop, own.open_loop, own.planned)
     shares += [(other, taken_over) for other in before]
     allowed = reduction * max(share for _, share in shares)
     needed = [(of, allowed / share) for of, share in shares if share > allowed]
@@ -213,8 +213,8 @@ def _refuse_far_companion(phase: Any, other: Any) -> None:
     """Equations read the plan of another phase: its motion must be that, by a small share of the size of each state."""
     motion = _states(other)
     for name, planned in motion.planned.items():
-        led = None if motion.open_loop is None else motion.open_loop[name]
-        away = np.inf if led is None else float(np.abs(led - planned).max())
+        replayed = None if motion.open_loop is None else motion.open_loop[name]
+        away = np.inf if replayed is None else float(np.abs(replayed - planned).max())
         if not away <= FAR_COMPANION * max(1.0, float(np.abs(planned).max())):
             raise TrajectoryError(
                 f"the equations of phase '{phase.name}' read states of '{other.name}', whose own equations lead "
@@ -222,16 +222,16 @@ def _refuse_far_companion(phase: Any, other: Any) -> None:
             )
 
 
-def _led(planned: Trajectory, found: Reintegration) -> Trajectory:
+def _motion_of_equations(planned: Trajectory, reintegration: Reintegration) -> Trajectory:
     """The trajectory of a plan with the states that its equations lead to."""
-    assert found.open_loop is not None
+    assert reintegration.open_loop is not None
     states = {name: values.copy() for name, values in planned.states.items()}
     for name, values in states.items():
-        away = found.open_loop[name] - found.planned[name]
+        away = reintegration.open_loop[name] - reintegration.planned[name]
         for nodes, difference in zip(planned.grid.node_positions, away, strict=True):
             fractions = planned.grid.scheme.state_nodes
-            values[nodes] = planned.states[name][nodes] + np.interp(fractions, found.fractions, difference)
-        values[-1] = found.open_loop[name][-1, -1]
+            values[nodes] = planned.states[name][nodes] + np.interp(fractions, reintegration.fractions, difference)
+        values[-1] = reintegration.open_loop[name][-1, -1]
     return replace(planned, states=states)
 
 
@@ -245,29 +245,29 @@ def _states_equations(phase: Any) -> bool:
     return False
 
 
-def _differences(template: SignalFormulas, found: Mapping[int, Any], intervals: int) -> Array:
-    """Entries of the pose by the equations less those of the plan, shape ``(intervals * k, entries)``."""
+def _differences(template: SignalFormulas, reintegrations: Mapping[int, Any], intervals: int) -> Array:
+    """Entries of the pose by the equations less the entries by the plan, shape ``(intervals * k, entries)``."""
     # Each phase is looked at where its own rules ask for it.
-    fractions = np.unique(np.concatenate([reintegration.fractions for reintegration in found.values()]))
+    fractions = np.unique(np.concatenate([reintegration.fractions for reintegration in reintegrations.values()]))
     interval, fraction = np.repeat(np.arange(intervals), len(fractions)), np.tile(fractions, intervals)
     planned = {slot: signal.values(interval, fraction) for slot, signal in template.signals.items()}
-    led = dict(planned)
+    replayed = dict(planned)
     for slot, signal in template.signals.items():
         home = None if signal.component is None else signal.component.parent_block()
-        reintegration = found.get(id(home))
+        reintegration = reintegrations.get(id(home))
         if reintegration is None:
             continue
         states = reintegration.open_loop
         name = signal.component.local_name
         if states is None:
-            led[slot] = np.full(len(interval), np.inf)
+            replayed[slot] = np.full(len(interval), np.inf)
         elif name in states:
             # The difference of states is taken from one integration; the plan's polynomial is the same in both.
             off = states[name] - reintegration.planned[name]
             moved = [np.interp(fractions, reintegration.fractions, of_element) for of_element in off]
-            led[slot] = planned[slot] + np.concatenate(moved)
+            replayed[slot] = planned[slot] + np.concatenate(moved)
     with np.errstate(all="ignore"):
-        return template.evaluated(led, len(interval)) - template.evaluated(planned, len(interval))
+        return template.evaluated(replayed, len(interval)) - template.evaluated(planned, len(interval))
 
 
 def _components(template: SignalFormulas) -> list[Any]:
@@ -299,7 +299,7 @@ def _why_not_everywhere(phases: Iterable[Any], components: Collection[Any], are_
     """What the integration of phases, and of those before them, may not have seen, and where bodies jump."""
     pending = list(phases)
     for phase in pending:
-        ties = ties_of(phase)
+        ties = linked_initial_state(phase)
         pending += [other for other in ties.before if not any(other is of for of in pending)]
         for component in (of for of in components if of.parent_block() is phase):
             start = component[phase.initial_time]

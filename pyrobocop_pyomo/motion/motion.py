@@ -143,7 +143,7 @@ class Motion:
         interval : int
             Position of the interval.
         fraction : float
-            From 0 at its start to 1 at its end. At a node the result is that of `pose_at_node`.
+            From 0 at its start to 1 at its end. At a node the result is the same as of `pose_at_node`.
         name : str
             Name of the body in messages.
 
@@ -215,7 +215,7 @@ class PhaseMotion(Motion):
         return home if isinstance(home, PhaseBlockData) else self.phase
 
     def _state_of(self, signal: Item) -> tuple[Any, str | None]:
-        """Phase and name of a state; no name for what is none."""
+        """Phase and name of a state; no name for other variables."""
         # States, algebraics and controls alike have a value at a collocation point.
         component = parent_of(item_at(signal, self.phase.grid.points[0]))
         home, name = self._home_of(component), getattr(component, "local_name", None)
@@ -393,7 +393,7 @@ def _is_number(point: Any) -> bool:
 
 def _refuse_sampled_state(point: float, signal: Item, early: bool) -> None:
     """What has a motion of its own must not be read at plain numbers: lines between them would hide that motion."""
-    # Through a reference the variable is that of another component.
+    # Through a reference the variable belongs to another component.
     component = parent_of(item_at(signal, point)) or signal.component
     owner = component.parent_block()
     if isinstance(owner, PhaseBlockData):

@@ -1,4 +1,4 @@
-"""What is followed along a motion, with bounds on subintervals: corners of shapes, and required clearances."""
+"""Corners of shapes and required clearances along a motion, with bounds on subintervals."""
 
 from __future__ import annotations
 
@@ -203,7 +203,7 @@ class RequiredClearance:
         return 0.0 if self.template is None else self.template.mismatch(self.displacements)
 
     def values(self, interval: Indices, fraction: Array) -> Array:
-        """What is required at local fractions of intervals, shape ``(m,)``."""
+        """The required clearance at local fractions of intervals, shape ``(m,)``."""
         if self.template is None:
             return np.full(len(interval), self.least)
         return self.template.values(interval, fraction)[:, 0]
@@ -223,15 +223,15 @@ class RequiredClearance:
         return RequiredBounds(at_start, at_end, np.fmin(above + rounding, form.value.high), low)
 
 
-def required_clearance(motion: Motion, asked: Any, pair: tuple[str, str]) -> RequiredClearance:
+def required_clearance(motion: Motion, clearance: Any, pair: tuple[str, str]) -> RequiredClearance:
     """The clearance of a body pair at the current values of the model.
 
     Parameters
     ----------
     motion : Motion
         With intervals.
-    asked : number, Param, Var, expression or callable
-        A rule is called as ``rule(block, t)``, like that of a pose.
+    clearance : number, Param, Var, expression or callable
+        A rule is called as ``rule(block, t)``, like a pose rule.
     pair : (str, str)
         Names of the two bodies, for messages.
 
@@ -240,9 +240,9 @@ def required_clearance(motion: Motion, asked: Any, pair: tuple[str, str]) -> Req
     ObstacleError
         Naming the body pair, where the clearance has no value or cannot be followed between the nodes.
     """
-    what = clearance_text(pair)
-    if not is_clearance_rule(asked):
-        return RequiredClearance(what, clearance_value(asked, what))
-    rule = clearance_along(motion, asked, pair)
-    least = min(clearance_value(rule.at_node(node), f"{what} at t = {node:g}") for node in motion.nodes)
-    return RequiredClearance(what, least, SignalFormulas(rule))
+    text = clearance_text(pair)
+    if not is_clearance_rule(clearance):
+        return RequiredClearance(text, clearance_value(clearance, text))
+    rule = clearance_along(motion, clearance, pair)
+    least = min(clearance_value(rule.at_node(node), f"{text} at t = {node:g}") for node in motion.nodes)
+    return RequiredClearance(text, least, SignalFormulas(rule))

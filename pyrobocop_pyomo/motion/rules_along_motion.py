@@ -192,19 +192,19 @@ def pose_along(motion: Any, rule: Any, name: str) -> RuleAlongMotion:
 
 def clearance_along(motion: Any, rule: Any, pair: tuple[str, str]) -> RuleAlongMotion:
     """The rule for the clearance of a body pair along a motion."""
-    what = clearance_text(pair)
+    text = clearance_text(pair)
 
     def checked(length: Any, where: str) -> Any:
         if not isinstance(length, (Real, NumericValue)) or isinstance(length, bool):
-            raise ObstacleError(f"{what}{where} is {length!r}; its rule must return a length.")
+            raise ObstacleError(f"{text}{where} is {length!r}; its rule must return a length.")
         return length
 
-    return RuleAlongMotion(motion, rule, what, checked)
+    return RuleAlongMotion(motion, rule, text, checked)
 
 
-def is_clearance_rule(asked: Any) -> bool:
+def is_clearance_rule(clearance: Any) -> bool:
     """Whether a clearance is ``rule(block, t)``; Pyomo's parameters and expressions can be called too."""
-    return callable(asked) and not isinstance(asked, NumericValue)
+    return callable(clearance) and not isinstance(clearance, NumericValue)
 
 
 def clearance_text(pair: tuple[str, str]) -> str:
@@ -212,7 +212,7 @@ def clearance_text(pair: tuple[str, str]) -> str:
     return f"the clearance between '{pair[0]}' and '{pair[1]}'"
 
 
-def clearance_value(asked: Any, label: str) -> float:
+def clearance_value(clearance: Any, label: str) -> float:
     """A clearance as a number.
 
     Raises
@@ -221,16 +221,16 @@ def clearance_value(asked: Any, label: str) -> float:
         Where it has no value, or is no number.
     """
     try:
-        number = value(asked, exception=False)
+        number = value(clearance, exception=False)
         number = math.nan if number is None else float(number)
     except (TypeError, ValueError):
         raise ObstacleError(
-            f"{label} is {asked!r}; expected a length: a number, a Param, a Var or an expression of the model, or a "
-            "rule(block, t)."
+            f"{label} is {clearance!r}; expected a length: a number, a Param, a Var or an expression of the model, or "
+            "a rule(block, t)."
         ) from None
     if not math.isfinite(number):
         raise ObstacleError(
-            f"{label} is '{asked}', which has no finite value. Give its parameters and variables values first."
+            f"{label} is '{clearance}', which has no finite value. Give its parameters and variables values first."
         )
     return number
 
@@ -407,7 +407,7 @@ class SignalFormulas:
         return found.entries if isinstance(found, Pose) else [found]
 
     def _signal(self, item: Item) -> Signal:
-        """The motion of what is read at ``t``."""
+        """The motion of the signal that is read at ``t``."""
         motion, name = self._motion, item.name  # the words take longer to make than all numbers to read
         at_nodes = {node: _number(item_at(item, node), name) for node in self._nodes}
         coefficients, of_values = [], dict[tuple[float, ...], Array]()

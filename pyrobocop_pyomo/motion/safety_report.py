@@ -44,7 +44,7 @@ class BodyPairSafety(Presented):
         What is required at the instant of `interval_distance`; `interval_proven` refers to it.
     interval_deviation : array, shape (intervals,)
         How far the equations lead the parts from where the plan has them, under its controls: infinite where they lead
-        out of all bounds, NaN where nobody looked. Distances are those of the plan; this is taken off what is proven.
+        out of all bounds, NaN where nobody looked. Distances belong to the plan; this is taken off the proven ones.
     interval_times : array, shape (intervals,)
         When `interval_distance` was found.
     interval_ends : array, shape (intervals, 2)
@@ -111,7 +111,7 @@ class BodyPairSafety(Presented):
 
     @property
     def proven_of_both(self) -> Array:
-        """By interval: what is proven of the plan and, as far as that is known, of the motion of its equations."""
+        """By interval: the proven distance of the plan and, as far as known, of the motion of its equations."""
         return self.interval_proven - np.where(np.isnan(self.interval_deviation), 0.0, self.interval_deviation)
 
     @property
@@ -151,8 +151,8 @@ class BodyPairSafety(Presented):
     def verdict(self) -> str:
         """``"clear"``, ``"plan only"``, ``"undecided"``, ``"too close"`` or ``"overlap"``.
 
-        It is the plan only that keeps the clearance where the motion of its equations may not: on a mesh that is too
-        coarse, or with values that are no solution.
+        ``"plan only"`` says that the plan keeps the clearance, but the motion of its equations may not: the mesh is too
+        coarse, or the values are no solution.
         """
         if not self.unproven:
             return "clear"
@@ -226,7 +226,7 @@ class SafetyReport(Presented):
         return min(self.body_pairs, key=_badness, default=None)
 
     def plot(self, figure: Any = None) -> Any:
-        """Draw the distances over time: what is required, what is proven of both motions, and the closest instants.
+        """Draw distances over time: required, proven of both motions, and at the closest instants.
 
         Parameters
         ----------

@@ -28,7 +28,7 @@ NODES_PER_ITERATION = 10
 
 
 class Certificate(enum.Enum):
-    """What is known about descent at a point; the value is a sentence for points with pairs."""
+    """Knowledge about descent at a point; the value is a sentence for points with pairs."""
 
     PROVEN = "B-stationary: no branch through the point has a direction of descent."
     DESCENT = "Not B-stationary: another branch through the point descends, but no better point was reached along it."
@@ -165,7 +165,7 @@ class ActiveSetSearch:
     certified : BranchPoint or None
         The last point from which no branch was found to descend.
     interrupted : bool
-        Whether Ctrl-C ended the search; the best point until then is what it returned.
+        Whether Ctrl-C ended the search; it returned the best point until then.
     linear_seconds : float
         Elapsed in linear programs since this was last set to zero.
     undecided : int
@@ -201,11 +201,11 @@ class ActiveSetSearch:
         """
         self._refused.clear()
         branch = nearest_branch(self.program, start.x)
-        found = self._go("polish", branch, start, start.x)
+        polished = self._go("polish", branch, start, start.x)
         relaxed = max(start.violation, start.natural_residual) > self.limits.feasibility
-        if found is None and relaxed and not only_nearest and not self._late():
-            found = self._polish_restored(start)
-        return found or min(self._refused, key=lambda refused: refused.objective, default=start)
+        if polished is None and relaxed and not only_nearest and not self._late():
+            polished = self._polish_restored(start)
+        return polished or min(self._refused, key=lambda refused: refused.objective, default=start)
 
     def _polish_restored(self, start: BranchPoint) -> BranchPoint | None:
         """Lead the point to where rows and pairs hold, and solve the branches that look best from there.
@@ -291,7 +291,7 @@ class ActiveSetSearch:
         return None
 
     def _steepest(self, point: Linearisation, radius: float, **choices: Any) -> Descent | None:
-        """The linear program with complementarity constraints, in what is left of the time."""
+        """The linear program with complementarity constraints, in the time that is left."""
         if self.deadline.has_passed:
             return None
         started = time.perf_counter()
@@ -398,30 +398,30 @@ class ActiveSetSearch:
         self.interrupted |= outcome.status is IpoptStatus.INTERRUPTED
         if not np.isfinite(outcome.x).all():
             return None
-        found = BranchPoint.at(self.program, outcome.point, branch)
+        end = BranchPoint.at(self.program, outcome.point, branch)
         # Whatever else Ipopt says of it: a branch may be too degenerate to be called solved, and the point be good.
         cut = outcome.status in (IpoptStatus.TIME_LIMIT, IpoptStatus.INTERRUPTED, IpoptStatus.STOPPED)
         # A point on the way to infinity solves nothing, however low its objective is.
         diverged = outcome.status is IpoptStatus.DIVERGING
-        kept = not diverged and self._no_worse(found, start) and not (cut and start.branch is not None)
-        more_exact = start.branch is None and found.natural_residual < start.natural_residual
-        if outcome.status.converged and not kept and more_exact and found.violation <= self.limits.feasibility:
-            self._refused.append(found)
+        kept = not diverged and self._no_worse(end, start) and not (cut and start.branch is not None)
+        more_exact = start.branch is None and end.natural_residual < start.natural_residual
+        if outcome.status.converged and not kept and more_exact and end.violation <= self.limits.feasibility:
+            self._refused.append(end)
         if self.on_solve is not None:
-            self.on_solve(purpose, outcome, found, kept)
-        return found if kept else None
+            self.on_solve(purpose, outcome, end, kept)
+        return end if kept else None
 
-    def _no_worse(self, found: BranchPoint, start: BranchPoint) -> bool:
+    def _no_worse(self, end: BranchPoint, start: BranchPoint) -> bool:
         """Feasible, or at least more so; and then complementary where the start was not, or of no larger objective."""
-        if not found.violation <= max(self.limits.feasibility, start.violation):
+        if not end.violation <= max(self.limits.feasibility, start.violation):
             return False
-        if start.violation > self.limits.feasibility >= found.violation:
+        if start.violation > self.limits.feasibility >= end.violation:
             return True
         # A relaxed point is below what is possible, by its products times the multipliers of its pairs.
         allowance = 1e-7
-        if found.natural_residual < start.natural_residual:
+        if end.natural_residual < start.natural_residual:
             allowance = 1e-2 if start.natural_residual > self.limits.feasibility else 1e-3
-        return found.objective <= start.objective + allowance * max(1.0, abs(start.objective))
+        return end.objective <= start.objective + allowance * max(1.0, abs(start.objective))
 
     def _improves(self, found: BranchPoint, best: BranchPoint, point: Linearisation) -> bool:
         return found.objective < best.objective - self.limits.objective * max(point.slope, abs(best.objective))

@@ -39,7 +39,7 @@ class Descent:
     open_pairs : int
         Number of pairs that could choose a side.
     gain : float
-        By how much the decrease exceeds that of staying in a branch, where one was given to stay in; at least 0.
+        By how much the decrease exceeds the decrease in a branch, where one was given to stay in; at least 0.
     """
 
     step: FloatArray

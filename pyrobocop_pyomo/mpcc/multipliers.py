@@ -1,6 +1,6 @@
 """Looking for multipliers at a point: are there any with the signs that a kind of stationarity asks for?
 
-Multipliers are a matter of existence. Where they are not unique, those of a solver prove nothing by their signs, so
+Multipliers are a matter of existence. Where they are not unique, the signs of a solver's multipliers prove nothing, so
 they are looked for among all: by a linear program for W and S, with a binary or two per biactive pair for M, C and A.
 
 Kinds of stationary points of a complementarity problem, and the multipliers that show them.
@@ -269,7 +269,7 @@ def strong_multipliers(
     rows = rows.copy()
     rows[at_lower], rows[at_upper] = np.maximum(rows[at_lower], 0.0), np.minimum(rows[at_upper], 0.0)
     gradient = point.lagrangian_gradient(rows)
-    found = []
+    multipliers = []
     for sides, held, partner in (
         (program.a, branch.a_zero & ~program.a.constant, program.b.values(point.x)),
         (program.b, branch.b_zero & ~program.b.constant, program.a.values(point.x)),
@@ -279,8 +279,8 @@ def strong_multipliers(
         # Of many pairs all steps together: what a linear program would find.
         if np.minimum(held_multipliers[held & (partner <= reach)], 0.0).sum() < -STATIONARY * point.slope:
             return None
-        found.append(np.where(held, held_multipliers, np.where(sides.values(point.x) <= MET, of_bounds, 0.0)))
-    return Multipliers(Stationarity.S, found[0], found[1], rows, 0.0)
+        multipliers.append(np.where(held, held_multipliers, np.where(sides.values(point.x) <= MET, of_bounds, 0.0)))
+    return Multipliers(Stationarity.S, multipliers[0], multipliers[1], rows, 0.0)
 
 
 def opposing_multipliers(
@@ -305,14 +305,14 @@ def opposing_multipliers(
         Where it is positive, the objective decreases as that side becomes positive.
     """
     gradient = point.lagrangian_gradient(solved.complete(restricted(program, branch))[0])
-    found = np.zeros(program.pairs)
+    multipliers = np.zeros(program.pairs)
     for sides, held, partner in (
         (program.a, branch.a_zero & ~branch.b_zero, program.b.values(point.x)),
         (program.b, branch.b_zero & ~branch.a_zero, program.a.values(point.x)),
     ):
         biactive = held & ~sides.constant & (partner <= reach)
-        found[biactive] = np.maximum(-sides.slopes(gradient)[biactive], 0.0)
-    return found
+        multipliers[biactive] = np.maximum(-sides.slopes(gradient)[biactive], 0.0)
+    return multipliers
 
 
 def _first_of_its_variable(sides: Sides, held: BoolArray) -> BoolArray:

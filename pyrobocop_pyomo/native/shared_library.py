@@ -21,7 +21,7 @@ HOW_TO_COMPILE = (
     "with a C compiler, run pip install --force-reinstall --no-deps --no-binary pyrobocop_pyomo pyrobocop_pyomo, or in "
     "a clone python setup.py build_ext --inplace"
 )
-# No contraction of a product and a sum: the results are those of NumPy, on every processor.
+# No contraction of a product and a sum: the results are the same as NumPy's, on every processor.
 FLAGS = (
     "-std=c11", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-shared",
     "-fvisibility=hidden",

@@ -11,25 +11,25 @@ Indices = NDArray[np.int64]
 
 
 def finite_numbers(given: Any, label: str, refusal: type[Exception]) -> Array:
-    """What a user gave, as an array; what is no number, or not finite, is refused."""
+    """A user's numbers as an array; anything else, and numbers that are not finite, are refused."""
     try:
-        found = np.array(given, dtype=float)
+        numbers = np.array(given, dtype=float)
     except (TypeError, ValueError) as error:
         raise refusal(f"{label}: expected numbers: {error}.") from None
-    if not np.isfinite(found).all():
-        place = np.argwhere(~np.isfinite(found))[0].tolist()
-        raise refusal(f"{label}: {found[tuple(place)]} at {place} is not finite. Leave it out, or give a number.")
-    return found
+    if not np.isfinite(numbers).all():
+        place = np.argwhere(~np.isfinite(numbers))[0].tolist()
+        raise refusal(f"{label}: {numbers[tuple(place)]} at {place} is not finite. Leave it out, or give a number.")
+    return numbers
 
 
 def increasing_numbers(given: Any, label: str, refusal: type[Exception], fewest: int = 2) -> Array:
     """Finite numbers, each larger than the one before; others are refused."""
-    found = finite_numbers(given, label, refusal)
-    if found.ndim != 1 or len(found) < fewest:
-        raise refusal(f"{label}: an array of shape {found.shape}; expected a list of at least {fewest} numbers.")
-    for k in np.flatnonzero(np.diff(found) <= 0.0).tolist():
+    numbers = finite_numbers(given, label, refusal)
+    if numbers.ndim != 1 or len(numbers) < fewest:
+        raise refusal(f"{label}: an array of shape {numbers.shape}; expected a list of at least {fewest} numbers.")
+    for k in np.flatnonzero(np.diff(numbers) <= 0.0).tolist():
         raise refusal(
-            f"{label}: must increase, but {found[k]:g} at {k} is followed by {found[k + 1]:g}. Sort them, and leave "
-            "out those that are repeated."
+            f"{label}: must increase, but {numbers[k]:g} at {k} is followed by {numbers[k + 1]:g}. Sort them, and "
+            "leave out those that are repeated."
         )
-    return found
+    return numbers

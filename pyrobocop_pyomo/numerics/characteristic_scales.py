@@ -1,7 +1,7 @@
 """Of which size variables, rows and an objective typically are, from known sizes and derivatives; arrays only.
 
 Variables and rows come in groups, as all values of a state over time: a group has one scale. All scales follow a change
-of units exactly: what is measured in feet instead of metres gets 3.28 times the scale, and the scaled problem stays the
+of units exactly: a length in feet instead of metres gets 3.28 times the scale, and the scaled problem stays the
 same.
 """
 
@@ -89,12 +89,12 @@ def variable_scales(known: Array, entries: GroupedEntries) -> Array:
         largest = np.zeros(entries.own.size)
         np.maximum.at(largest, row_group[there], terms[there])
         told = ~there & (largest[row_group] > 0.0)
-        found = np.full(scales.size, np.inf)
-        np.minimum.at(found, column_group[told], largest[row_group[told]] / sizes[told])
-        new = np.isnan(scales) & np.isfinite(found)
+        smallest = np.full(scales.size, np.inf)
+        np.minimum.at(smallest, column_group[told], largest[row_group[told]] / sizes[told])
+        new = np.isnan(scales) & np.isfinite(smallest)
         if not new.any():
             break
-        scales[new] = found[new]
+        scales[new] = smallest[new]
     return scales
 
 

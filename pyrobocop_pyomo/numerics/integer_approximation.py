@@ -63,7 +63,7 @@ def sum_up_rounding(weights: ArrayLike, widths: ArrayLike) -> IntegralApproximat
     Parameters
     ----------
     weights : array, shape (n, N)
-        Not negative; those of an interval sum to 1.
+        Not negative; the weights of an interval sum to 1.
     widths : array, shape (N,)
         Of the intervals.
 

@@ -1,4 +1,4 @@
-"""Which equation can determine which unknown: maximum matchings, and what is left over or short where none is perfect.
+"""Which equation can determine which unknown: maximum matchings, and the surplus where none is perfect.
 
 Written out rather than taken from a graph library: the structure of a phase is looked at before every solve, and
 importing such a library would cost more than all the rest of the look.

@@ -211,16 +211,16 @@ def mesh_of_delays(mesh: Mesh, delays: Sequence[float], most: int) -> Mesh:
 
 def _common_part(delays: Sequence[float], least: float) -> float | None:
     """The largest time of which all delays are multiples; None where that is below the least."""
-    found: float = delays[0]
+    common: float = delays[0]
     for delay in delays[1:]:
-        one, other = found, delay
-        while other > 1e-9 * found:
+        one, other = common, delay
+        while other > 1e-9 * common:
             one, other = other, math.fmod(one, other)
-            other = 0.0 if one - other < 1e-9 * found else other
+            other = 0.0 if one - other < 1e-9 * common else other
             if one < least:
                 return None
-        found = one
-    return found if found >= least else None
+        common = one
+    return common if common >= least else None
 
 
 # -------------------------------------------------------------------------------------------------------- better meshes
@@ -265,30 +265,30 @@ def remesh(
         Local fractions at which elements are split in two instead of equal parts. A boundary that need not stay and is
         near to such a place moves there.
     """
-    found = np.maximum(np.asarray(errors, dtype=float), ROUNDING)
+    element_errors = np.maximum(np.asarray(errors, dtype=float), ROUNDING)
     tolerance = max(tolerance, ROUNDING)  # no mesh is better than that
     # Beside a singularity elements would become ever narrower, and errors no smaller.
     narrowest = NEGLIGIBLE * (mesh.boundaries[-1] - mesh.boundaries[0])
-    found = np.where(np.array(mesh.widths) > narrowest, found, np.minimum(found, tolerance))
+    element_errors = np.where(np.array(mesh.widths) > narrowest, element_errors, np.minimum(element_errors, tolerance))
     power = 1.0 / (order + 1)
     fixed = set(mesh.boundaries) if keep is None else set(keep)
     boundaries = [mesh.boundaries[0]]
     i = 0
     while i < mesh.elements:
         start, end = mesh.boundaries[i : i + 2]
-        if found[i] > tolerance and jumps is not None and i in jumps:
+        if element_errors[i] > tolerance and jumps is not None and i in jumps:
             at = start + jumps[i] * (end - start)
             if jumps[i] < _NEAR and start not in fixed and boundaries[-1] == start:
                 boundaries.pop()
             boundaries.append(at)
-            if jumps[i] > 1.0 - _NEAR and end not in fixed and found[i + 1] <= tolerance:
+            if jumps[i] > 1.0 - _NEAR and end not in fixed and element_errors[i + 1] <= tolerance:
                 i += 1
                 end = mesh.boundaries[i + 1]
-        elif found[i] > tolerance:
-            ratio = (found[i] / (_AIM_OF_SPLITTING * tolerance)) ** power
+        elif element_errors[i] > tolerance:
+            ratio = (element_errors[i] / (_AIM_OF_SPLITTING * tolerance)) ** power
             parts = most_parts if not math.isfinite(ratio) else min(most_parts, max(2, math.ceil(ratio)))
             boundaries += [start + (end - start) * k / parts for k in range(1, parts)]
-        elif i + 1 < mesh.elements and end not in fixed and _can_join(mesh, found, i, tolerance, power):
+        elif i + 1 < mesh.elements and end not in fixed and _can_join(mesh, element_errors, i, tolerance, power):
             i += 1
             end = mesh.boundaries[i + 1]
         boundaries.append(end)

@@ -153,20 +153,20 @@ def solve_mixed_complementarity(
         ``solved`` is False where no way led to a solution; then it is the point with the smallest residual.
     """
     start = np.asarray(start, dtype=float)
-    best = _judged(problem, start, tolerance)
+    best = _solution_at(problem, start, tolerance)
     for begin in _starts(start) if thorough else [start]:
         for way in (_by_newton, _by_least_squares)[: None if thorough else 1]:
             if best.solved:
                 break
             for point in way(problem, begin, tolerance):
-                found = _judged(problem, point, tolerance)
-                best = found if found.residual < best.residual else best
+                solution = _solution_at(problem, point, tolerance)
+                best = solution if solution.residual < best.residual else best
                 if best.solved:
                     break
     if best.solved and thorough:  # one more step: what was solved to a tolerance is usually solved to rounding next
         refined = next(_by_newton(problem, best.point, 0.0), best.point)
-        found = _judged(problem, refined, tolerance)
-        best = found if found.residual < best.residual else best
+        solution = _solution_at(problem, refined, tolerance)
+        best = solution if solution.residual < best.residual else best
     return best
 
 
@@ -178,7 +178,7 @@ def _starts(start: Array) -> Iterator[Array]:
         yield start + size * (1.0 + np.abs(start)) * random.uniform(-1.0, 1.0, len(start))
 
 
-def _judged(problem: MixedComplementarity, point: Array, tolerance: float) -> ComplementaritySolution:
+def _solution_at(problem: MixedComplementarity, point: Array, tolerance: float) -> ComplementaritySolution:
     try:
         residuals = np.abs(problem.residuals(problem.evaluate(point)))
     except (ArithmeticError, ValueError):

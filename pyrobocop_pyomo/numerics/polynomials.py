@@ -112,7 +112,7 @@ def integration_matrix(nodes: ArrayLike, upper: ArrayLike) -> Array:
 
 
 def gauss_rule(breaks: Array) -> tuple[Array, Array]:
-    """Points and weights of a rule on [0, 1]: that of Gauss of three points on each part between breaks."""
+    """Points and weights of a rule on [0, 1]: Gauss's rule of three points on each part between breaks."""
     points, weights = np.polynomial.legendre.leggauss(3)
     middles, halves = (breaks[1:] + breaks[:-1])[:, None] / 2.0, np.diff(breaks)[:, None] / 2.0
     return (middles + halves * points).ravel(), (halves * weights).ravel()

@@ -91,7 +91,7 @@ class Scheme(Presented):
 
     @cached_property
     def order(self) -> int:
-        """Order of the method at element ends: that of its quadrature (Hairer & Wanner, theorem IV.5.1)."""
+        """Order of the method at element ends, which its quadrature has too (Hairer & Wanner, theorem IV.5.1)."""
         # The first Legendre polynomial whose integral, which is zero, the quadrature misses: by about one, where its
         # error on a monomial would drown in rounding.
         degrees = range(1, 2 * self.stages + 1)

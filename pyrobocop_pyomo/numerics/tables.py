@@ -145,7 +145,7 @@ class _Spline(Function):
         return [self._interpolant.pieces(len(self._by) + order) for order in range(3)]
 
     def taylor_form(self, *arguments: Any) -> TaylorForm:
-        """Bounds of the function and its derivatives, from those of its argument; unknown where there are two.
+        """Bounds of the function and its derivatives, from the bounds of its argument; unknown where there are two.
 
         Where the slope jumps inside a subinterval the second derivative has no bound. Values have one nevertheless, and
         halving leaves few such subintervals.
@@ -159,11 +159,11 @@ class _Spline(Function):
         last = len(knots) - 2
         first_piece = np.clip(np.searchsorted(knots, low, side="right") - 1, 0, last)
         last_piece = np.clip(np.searchsorted(knots, high, side="left") - 1, first_piece, last)
-        found = [self._bounds_on(first_piece, low - rounding, high + rounding)]
+        bounds_of_pieces = [self._bounds_on(first_piece, low - rounding, high + rounding)]
         for further in range(1, int((last_piece - first_piece).max(initial=0)) + 1):
             piece = np.minimum(first_piece + further, last_piece)
-            found.append(self._bounds_on(piece, low - rounding, high + rounding))
-        values, slopes, curvatures = (list(of) for of in zip(*found, strict=True))
+            bounds_of_pieces.append(self._bounds_on(piece, low - rounding, high + rounding))
+        values, slopes, curvatures = (list(of) for of in zip(*bounds_of_pieces, strict=True))
         beyond = np.minimum(low + rounding - knots[0], 0.0), np.maximum(high - rounding - knots[-1], 0.0)
         is_beyond = (beyond[0] < 0.0) | (beyond[1] > 0.0)
         rests = _where(is_beyond, 0.0, 0.0)
@@ -311,12 +311,12 @@ class Table(_Spline):
         self._derivatives: dict[int, _Spline] = {}
 
     def derivative(self, *arguments: Any, by: int | str | None = None) -> Any:
-        """The derivative by one of the inputs, at arguments as those of a call: the spline's own, not a difference.
+        """The derivative by one of the inputs, at arguments as in a call: the spline's own, not a difference.
 
         Parameters
         ----------
         *arguments : variables, expressions, parameters, numbers or arrays of numbers
-            As the table itself takes them. Beyond the table the derivative is that of the continuation.
+            As the table itself takes them. Beyond the table it is the derivative of the continuation.
         by : int or str, optional
             The input, by its number or its name; needed where there are two.
 
@@ -364,7 +364,7 @@ class Table(_Spline):
             Two columns below a line of titles: one input and the values. More columns: the first has the first input
             below any title, and the first line the second input above the values.
         **options : Any
-            As for `Table`; the name is that of the file by default.
+            As for `Table`; the name is by default the file's.
 
         Raises
         ------

@@ -34,11 +34,11 @@ from .avoidance_record import MotionSegment, Snapshot, gap_along, make_record, p
 from .block_arguments import MotionBlock, MotionBlockData
 from .broad_phase import (
     BUILT_WITHOUT_GUESS,
-    add_back,
     apply_broad_phase,
-    is_on,
+    has_broad_phase,
     near_segments,
-    places_of,
+    restore_separations,
+    segments_by_place,
     swept_distances,
 )
 from .impossible_gaps import check_gaps
@@ -267,18 +267,18 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
 
     def _state(self, points: Any, **options: Any) -> None:
         self._record = record = make_record(self._what, points, **options)
-        numbers = {pair: asked for pair, asked in record.asked.items() if isinstance(asked, float)}
+        numbers = {pair: clearance for pair, clearance in record.clearances.items() if isinstance(clearance, float)}
         self.clearance = Param(
             list(numbers), initialize=numbers, mutable=True, doc="clearance of each body pair that has a number"
         )
-        record.asked.update((pair, self.clearance[pair]) for pair in numbers)
+        record.clearances.update((pair, self.clearance[pair]) for pair in numbers)
         self.separations = Set(dimen=3, doc="first, second, start of a segment of motion")
         self.margin = Param(self.separations, mutable=True, default=0.0, doc="added to the clearance")
         self.required = Expression(AnyIndex, doc="gap that a separation has to prove")
         bounds = WIDER_THAN_ONE
         self.normal = Var(self.separations, list(self.axes), bounds=bounds, dense=False, doc="normals of planes")
         self.offset = Var(self.separations, dense=False, doc="offsets of planes")
-        self.turned_normal = Expression(AnyIndex, doc="normals in the frame of a body that turns")
+        self.rotated_normal = Expression(AnyIndex, doc="normals in the frame of a body that turns")
         self.level = Expression(AnyIndex, doc="height of a body's origin over the plane")
         self.first_shape = Constraint(AnyIndex, doc="corners of the first shape: beyond the plane by what is required")
         self.second_shape = Constraint(AnyIndex, doc="corners of the second shape: behind the plane")
@@ -297,12 +297,12 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
         record.pruned = {segment.index: segment for segment in segments}
         # Without an initial guess no shapes are known to be far apart; initialize() applies the broad phase again.
         kept = np.ones(len(segments), dtype=bool)
-        if is_on(record) and has_values(record):
+        if has_broad_phase(record) and has_values(record):
             kept = ~kept if starts_next else near_segments(snapshot, segments)
-        elif is_on(record) and len(segments) > BUILT_WITHOUT_GUESS:
+        elif has_broad_phase(record) and len(segments) > BUILT_WITHOUT_GUESS:
             kept[:] = False
         with PauseGC():
-            add_back(self, record, [segments[k] for k in np.flatnonzero(kept).tolist()])
+            restore_separations(self, record, [segments[k] for k in np.flatnonzero(kept).tolist()])
 
     # ---------------------------------------------------------------- another mesh below
 
@@ -434,13 +434,13 @@ class ObstacleAvoidanceBlockData(MotionBlockData):
         list of indices
             Of the separations added; empty where none of the missed ones were left out.
         """
-        record, left_out = self.record, places_of(self.record.pruned.values())
+        record, left_out = self.record, segments_by_place(self.record.pruned.values())
         added = [segment for place in dict.fromkeys(missed) for segment in left_out.get(place, ())]
         record.pinned.update(segment.index for segment in added)
         if added:
             units = record.scene.unit_directions(self._what, record.directions)
             with PauseGC():
-                add_back(self, record, added)
+                restore_separations(self, record, added)
                 set_start_values(self, Snapshot(record, self._what), added, units)
         return [segment.index for segment in added]
 

@@ -23,7 +23,7 @@ from pyrobocop_pyomo.motion.rules_along_motion import is_clearance_rule
 from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 from pyrobocop_pyomo.optional_imports import scipy
 
-from .scene import BodyPair, Scene, SeparationIndex, asked_clearances, make_scene
+from .scene import BodyPair, Scene, SeparationIndex, make_scene, required_clearances
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ class AvoidanceRecord:
         The norm that the rows have.
     overlapping : dict of pair of parts to int
         Number of segments on which they overlapped when start values were set last.
-    asked : dict of body pair to clearance
+    clearances : dict of body pair to clearance
         Parameters and expressions, or rules that are templates.
     lengths : dict of (body, body, time) to expression
         What the rules of clearances ask for at the times of the poses.
@@ -121,7 +121,7 @@ class AvoidanceRecord:
     poses: dict[tuple[str, Hashable], Pose] = field(default_factory=dict)
     norm_now: str = "ball"
     overlapping: dict[tuple[str, str], int] = field(default_factory=dict)
-    asked: dict[BodyPair, Any] = field(default_factory=dict)
+    clearances: dict[BodyPair, Any] = field(default_factory=dict)
     lengths: dict[tuple[str, str, Hashable], Any] = field(default_factory=dict)
 
     def body_pair(self, segment: MotionSegment) -> BodyPair:
@@ -130,32 +130,32 @@ class AvoidanceRecord:
 
     def clearance_at(self, pair: BodyPair, time: Hashable) -> Any:
         """The clearance of a body pair at a time with a pose, as an expression."""
-        asked = self.asked[pair]
-        return self.lengths[(*pair, time)] if is_clearance_rule(asked) else asked
+        clearance = self.clearances[pair]
+        return self.lengths[(*pair, time)] if is_clearance_rule(clearance) else clearance
 
     def clearance_values(self, pair: BodyPair) -> list[float]:
         """The clearance of a body pair at all times with a pose, at the current values; NaN where there are none."""
-        is_rule = is_clearance_rule(self.asked[pair])
+        is_rule = is_clearance_rule(self.clearances[pair])
         times = [key[2] for key in self.lengths if key[:2] == pair] if is_rule else [None]
         numbers = [value(self.clearance_at(pair, time), exception=False) for time in times]
         return [math.nan if number is None else float(number) for number in numbers]
 
     def update_estimates(self) -> None:
         """Note the largest clearance of each body pair as a number, for what needs to know how far away is enough."""
-        for pair in self.asked:
+        for pair in self.clearances:
             self.scene.clearances[pair] = max(filter(math.isfinite, self.clearance_values(pair)), default=0.0)
 
     @property
     def rules(self) -> list[Any]:
         """The rules of poses, and of clearances that change in time."""
         poses = [body.pose for body in self.scene.bodies.values() if body.pose is not None]
-        return [*poses, *(asked for asked in self.asked.values() if is_clearance_rule(asked))]
+        return [*poses, *(clearance for clearance in self.clearances.values() if is_clearance_rule(clearance))]
 
     @property
     def depends_on_what_is_far(self) -> bool:
         """Whether distances beyond the clearance count: where the optimiser chooses how much it is."""
-        chosen = (asked for asked in self.asked.values() if not is_clearance_rule(asked))
-        return any(True for asked in chosen for _ in variables_in(asked, include_fixed=False))
+        chosen = (clearance for clearance in self.clearances.values() if not is_clearance_rule(clearance))
+        return any(True for clearance in chosen for _ in variables_in(clearance, include_fixed=False))
 
     @property
     def dimension(self) -> int:
@@ -164,12 +164,12 @@ class AvoidanceRecord:
 
     def by_part_pair(self) -> dict[tuple[str, str], list[MotionSegment]]:
         """Segments of every pair of convex parts that has some, along time."""
-        found: dict[tuple[str, str], list[MotionSegment]] = {}
+        segments_of: dict[tuple[str, str], list[MotionSegment]] = {}
         for segment in self.segments.values():
-            found.setdefault((segment.first, segment.second), []).append(segment)
-        for segments in found.values() if self.per_interval else ():
+            segments_of.setdefault((segment.first, segment.second), []).append(segment)
+        for segments in segments_of.values() if self.per_interval else ():
             segments.sort(key=lambda one: (one.interval, one.fractions[0]))
-        return found
+        return segments_of
 
 
 def make_record(
@@ -203,19 +203,19 @@ def make_record(
         raise ObstacleError(f"{label}: body= needs pose=rule, which says where it is: rule(block, t) -> Pose.")
     named = bodies if body is None else {"body": Body(body, pose)}
     scene = make_scene(label, bodies=named, obstacles=obstacles, body_pairs=body_pairs, exclude=exclude)
-    asked = asked_clearances(label, scene.clearances, scene.bodies, clearance)
+    clearances = required_clearances(label, scene.clearances, scene.bodies, clearance)
     if between not in ("plane", None):
         raise ObstacleError(f'{label}: between is {between!r}; it is "plane" or None.')
     if not (broad_phase is None or (isinstance(broad_phase, str) and broad_phase == "auto")):
         if not isinstance(broad_phase, Real) or isinstance(broad_phase, bool) or not math.isfinite(broad_phase):
             raise ObstacleError(f'{label}: broad_phase is {broad_phase!r}; it is "auto", a length, or None.')
-        largest = max((number for number in asked.values() if isinstance(number, float)), default=0.0)
+        largest = max((number for number in clearances.values() if isinstance(number, float)), default=0.0)
         if broad_phase <= largest:
             raise ObstacleError(
                 f"{label}: broad_phase {broad_phase:g} leaves out body pairs that are nearer than the clearance "
                 f"{largest:g}. Take several times the clearance."
             )
-    return AvoidanceRecord(scene, points, between is not None, broad_phase, asked=asked)
+    return AvoidanceRecord(scene, points, between is not None, broad_phase, clearances=clearances)
 
 
 # ---------------------------------------------------------------------------------------------- at the current values

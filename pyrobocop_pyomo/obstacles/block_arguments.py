@@ -57,9 +57,9 @@ class MotionBlockData(BuiltBlockData):
         return id(self.record.points) in sets
 
     def _proven(self, tolerance: float | None, equations: bool) -> SafetyReport:
-        """What is proven of the bodies and clearances of the record along the motion of the current values."""
-        bodies, asked, followed = self.record.scene.bodies, self.record.asked, equations and self.equations
-        return verify_clearance(self.motion, bodies, asked, tolerance=tolerance, equations=followed)
+        """The proof for the bodies and clearances of the record along the motion of the current values."""
+        bodies, clearances, followed = self.record.scene.bodies, self.record.clearances, equations and self.equations
+        return verify_clearance(self.motion, bodies, clearances, tolerance=tolerance, equations=followed)
 
     def _set_of_points(self, points: Any) -> Any:
         """The set of points; where the user gave plain numbers, a new set on the block.

@@ -1,6 +1,6 @@
 """The broad phase: which separations a solve needs, by how near the shapes come to each other.
 
-Distances are those of the convex hulls of all that two shapes sweep in a segment of motion, as in the start values.
+Distances are distances of the convex hulls of all that two shapes sweep in a segment of motion, as in the start values.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def swept_distances(snapshot: Snapshot, segments: Sequence[MotionSegment]) -> tu
 # ------------------------------------------------------------------------------------------------- what is left out
 
 
-def is_on(record: AvoidanceRecord) -> bool:
+def has_broad_phase(record: AvoidanceRecord) -> bool:
     """Whether separations may be left out at all."""
     if record.broad_phase == "auto":
         return not record.depends_on_what_is_far and len(record.segments) + len(record.pruned) > KEPT_ANYWAY
@@ -45,7 +45,7 @@ def is_on(record: AvoidanceRecord) -> bool:
 def near_segments(snapshot: Snapshot, segments: Sequence[MotionSegment]) -> BoolArray:
     """Which segments the broad phase keeps at the current poses, shape (k,)."""
     record = snapshot.record
-    if not is_on(record):
+    if not has_broad_phase(record):
         return np.ones(len(segments), dtype=bool)
     distances, _ = swept_distances(snapshot, segments)
     if not isinstance(record.broad_phase, str):
@@ -66,7 +66,7 @@ def least_reach(record: AvoidanceRecord) -> float:
 def _earlier_or_later(
     record: AvoidanceRecord, segments: Sequence[MotionSegment], distances: Array, reach: float
 ) -> BoolArray:
-    """What is within reach, and intervals shortly before and after: plans change the speed of a guess first."""
+    """Segments within reach, and intervals shortly before and after: plans change the speed of a guess first."""
     near: BoolArray = ~(distances > reach)
     if not record.per_interval:
         return near
@@ -83,7 +83,7 @@ def _earlier_or_later(
 def apply_broad_phase(block: Any, snapshot: Snapshot) -> None:
     """Remove separations of shapes that are far apart at the current poses, and add those that are not any more."""
     record = snapshot.record
-    if not (is_on(record) or record.pruned):
+    if not (has_broad_phase(record) or record.pruned):
         return
     everywhere = [*record.segments.values(), *record.pruned.values()]
     kept = near_segments(snapshot, everywhere)
@@ -92,10 +92,10 @@ def apply_broad_phase(block: Any, snapshot: Snapshot) -> None:
     added = [of for of in near if of.index in record.pruned]
     remove_separations(block, record, removed)
     record.pruned.update({segment.index: segment for segment in removed})
-    add_back(block, record, added)
+    restore_separations(block, record, added)
 
 
-def add_back(block: Any, record: AvoidanceRecord, segments: Sequence[MotionSegment]) -> None:
+def restore_separations(block: Any, record: AvoidanceRecord, segments: Sequence[MotionSegment]) -> None:
     """Add separations that were left out; they have no start values yet."""
     for segment in segments:
         del record.pruned[segment.index]
@@ -104,7 +104,7 @@ def add_back(block: Any, record: AvoidanceRecord, segments: Sequence[MotionSegme
 
 def ran_through_what_was_left_out(block: Any, report: SafetyReport) -> bool:
     """Whether a motion overlaps with something from which no separation kept it away."""
-    present = places_of(block.record.segments.values())
+    present = segments_by_place(block.record.segments.values())
     return block.record.per_interval and any(
         (pair.first, pair.second, interval) not in present
         for pair in report.body_pairs
@@ -112,7 +112,7 @@ def ran_through_what_was_left_out(block: Any, report: SafetyReport) -> bool:
     )
 
 
-def places_of(segments: Iterable[MotionSegment]) -> dict[tuple[str, str, Hashable], list[MotionSegment]]:
+def segments_by_place(segments: Iterable[MotionSegment]) -> dict[tuple[str, str, Hashable], list[MotionSegment]]:
     """Segments by their two parts and their interval, or their time where they are for a single one."""
     places: dict[tuple[str, str, Hashable], list[MotionSegment]] = defaultdict(list)
     for segment in segments:

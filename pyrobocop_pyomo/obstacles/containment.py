@@ -61,8 +61,8 @@ class ContainmentData(MotionBlockData):
         }
         scene = make_scene(self._what, bodies={"body": moving}, obstacles=sides, body_pairs=None, exclude=())
         self.clearance = Param(initialize=float(clearance), mutable=True, doc="distance kept from the sides")
-        asked = dict.fromkeys(scene.clearances, self.clearance + self._moved)
-        self._record = AvoidanceRecord(scene, points, per_interval=True, broad_phase=None, asked=asked)
+        required = dict.fromkeys(scene.clearances, self.clearance + self._moved)
+        self._record = AvoidanceRecord(scene, points, per_interval=True, broad_phase=None, clearances=required)
         self.times = Set(ordered=True, doc="times at which corners have rows")
         self.margin = Param(self.times, mutable=True, doc="added to the clearance")
         self.inside = Constraint(AnyIndex, doc="corners inside the sides of the region")
@@ -137,9 +137,9 @@ class ContainmentData(MotionBlockData):
             Whether the motion that the equations make of the plan's controls is proven as well, unless the block says
             that it need not be.
         """
-        asked, moved = float(value(self.clearance)), self._moved
+        required, moved = float(value(self.clearance)), self._moved
         if tolerance is None:
-            tolerance = 0.01 * asked if asked > 0 else 1e-6 * moved
+            tolerance = 0.01 * required if required > 0 else 1e-6 * moved
         report = self._proven(tolerance, equations)
         moved_back = [
             replace(

@@ -27,7 +27,7 @@ from pyrobocop_pyomo.optional_imports import scipy
 
 from .avoidance_record import Snapshot, fixed_times
 from .rerouting import balls_of
-from .scene import least_possible
+from .scene import lower_bound_of_clearance
 
 # Relative to the scene: how far away the middle of an unbounded part is.
 FAR = 1e3
@@ -44,8 +44,8 @@ class ClosedGap:
     width, needed : float
         Distance between the parts, and what the disc takes with its clearances.
     path : (k, 2) array
-        From the middle of the first to that of the second, inside of what the disc's middle cannot enter; the middle of
-        an unbounded part is far away.
+        From the middle of the first to the middle of the second, where the disc's middle cannot be; the middle of an
+        unbounded part is far away.
     """
 
     first: int
@@ -75,9 +75,9 @@ def check_gaps(snapshot: Snapshot) -> None:
         balls = balls_of(scene, name)
         walls, grown = [], []
         for pair, wall in scene.walls_of(name):
-            asked = record.asked[pair]
+            clearance = record.clearances[pair]
             walls.append(wall)
-            least = 0.0 if is_clearance_rule(asked) else least_possible(asked)
+            least = 0.0 if is_clearance_rule(clearance) else lower_bound_of_clearance(clearance)
             grown.append(balls.inner + least)  # for the middle of the disc
         shapes = [wall.shape for wall in walls]
         gaps = closed_gaps(tuple(shapes), tuple(grown))

@@ -33,7 +33,7 @@ from pyrobocop_pyomo.templates.slots import Always, Clock, Item, Slot, Time, is_
 
 from .avoidance_record import MotionSegment, Snapshot, fixed_times, variables_of
 from .broad_phase import swept_distances
-from .scene import least_possible
+from .scene import lower_bound_of_clearance
 
 LOGGER = logging.getLogger(__name__)
 
@@ -165,7 +165,7 @@ def _is_open(time: Any) -> bool:
 
 
 def _is_tied(start: Any) -> bool:
-    """Whether rows say anything of a start, other than those of blocks that go by it."""
+    """Whether rows say anything of a start, other than rows of blocks that go by it."""
     return any(
         variable is start
         for row in start.model().component_data_objects(Constraint, active=True, descend_into=True)
@@ -260,18 +260,18 @@ def check_fixed_poses(snapshot: Snapshot) -> None:
         moving = [fixed[part.body] for part in (first, second) if part.body in fixed]
         for time in (time for time in moving[0] if time in moving[-1]):
             place = MotionSegment(first.name, second.name, None, (time,))
-            places[place] = least_possible(record.clearance_at((first.body, second.body), time))
+            places[place] = lower_bound_of_clearance(record.clearance_at((first.body, second.body), time))
     distances, _ = swept_distances(snapshot, list(places))
-    for (place, asked), available in zip(places.items(), distances.tolist(), strict=True):
+    for (place, clearance), available in zip(places.items(), distances.tolist(), strict=True):
         time, size = place.times[0], float(np.abs(snapshot.placed_pair(place)[0].bounding_box).max())
-        if available < asked - NEGLIGIBLE * max(1.0, size):
+        if available < clearance - NEGLIGIBLE * max(1.0, size):
             if available > 0:
                 distance_text, remedy = f"only {available:.6g} apart", f"Ask for less than {available:.6g}, or move"
             else:
                 distance_text, remedy = f"{-available:.6g} into each other", "Move"
             raise ObstacleError(
                 f"{snapshot.what}: '{place.first}' and '{place.second}' are {distance_text} at t = {time}, where "
-                f"both poses are fixed, but the clearance is {asked:g}. {remedy} the fixed pose."
+                f"both poses are fixed, but the clearance is {clearance:g}. {remedy} the fixed pose."
             )
 
 
@@ -288,7 +288,7 @@ def check_block(block: Any, tolerance: float) -> None:
     """
     record, motion = block.record, block.motion
     snapshot = Snapshot(record, f"obstacle avoidance '{block.name}'")
-    for pair in record.asked:
+    for pair in record.clearances:
         least = min(record.clearance_values(pair))
         if np.isnan(least):
             raise ObstacleError(
@@ -302,10 +302,10 @@ def check_block(block: Any, tolerance: float) -> None:
                 "clearance is a larger number, or a smaller one of tolerances={'feasibility': ...}."
             )
     farthest = {place: float(np.abs(snapshot.pose(*place)[1]).max()) for place in record.poses}
-    moving_shapes(motion, {name: record.scene.bodies[name] for pair in record.asked for name in pair})
-    for pair, asked in record.asked.items():
-        if is_clearance_rule(asked):
-            required_clearance(motion, asked, pair)
+    moving_shapes(motion, {name: record.scene.bodies[name] for pair in record.clearances for name in pair})
+    for pair, clearance in record.clearances.items():
+        if is_clearance_rule(clearance):
+            required_clearance(motion, clearance, pair)
     for (body, time), coordinate in farthest.items():
         if time is not None and np.spacing(coordinate) > tolerance * ROUNDING_PER_TOLERANCE:
             raise ObstacleError(

@@ -25,7 +25,7 @@ from pyrobocop_pyomo.optional_imports import scipy
 from pyrobocop_pyomo.templates.slots import Item
 from pyrobocop_pyomo.trajectories import Trajectory
 
-from .scene import BodyPair, asked_clearances, make_scene, named_bodies
+from .scene import BodyPair, make_scene, named_bodies, required_clearances
 
 # -------------------------------------------------------------------------------------- motions that come from no model
 
@@ -78,16 +78,16 @@ def read_path(given: Any, times: Array, dimension: int, name: str) -> SampledPat
     ObstacleError
         Naming the body and the row.
     """
-    what = f"the poses of '{name}'"
-    poses = _poses(given, dimension, name, what)
+    label = f"the poses of '{name}'"
+    poses = _poses(given, dimension, name, label)
     if len(poses) != len(times):
-        raise ObstacleError(f"{what}: {len(poses)} poses for {len(times)} times; give one pose for each time.")
+        raise ObstacleError(f"{label}: {len(poses)} poses for {len(times)} times; give one pose for each time.")
     rotations, positions = (np.array(of) for of in zip(*(pose.numbers() for pose in poses), strict=True))
     path = _planar(positions, rotations) if dimension == 2 else _spatial(positions, rotations)
     half = np.flatnonzero(np.abs(np.diff(path.angles, axis=1)) >= np.pi - _ROTATION_ERROR)
     if len(half):
         raise ObstacleError(
-            f"{what}: from row {half[0]} to row {half[0] + 1} the body turns by half a turn, and both ways are "
+            f"{label}: from row {half[0]} to row {half[0] + 1} the body turns by half a turn, and both ways are "
             "equally short. Give poses in between."
         )
     return path
@@ -181,7 +181,7 @@ def motion_along_paths(
     Raises
     ------
     ObstacleError
-        When the name of a signal is none, or is that of something else.
+        When the name of a signal is none, or names something else.
     """
     points = tuple(times.tolist())
     model = _model_in_real_time("path")
@@ -192,7 +192,7 @@ def motion_along_paths(
         samples[name] = _line(values)
     rules = {}
     for number, (name, path) in enumerate(paths.items(), start=1):
-        # Names with blanks: those of a user's signals have none. Most of what turns a body in the plane is a number.
+        # Names with blanks, which a user's signals do not have. Most of what turns a body in the plane is a number.
         of_path = _samples_of(path)
         numbers = {of: float(within[0, 0]) for of, within in of_path.items() if np.ptp(within) == 0.0}
         samples |= {f"{of} {number}": within for of, within in of_path.items() if of not in numbers}
@@ -289,7 +289,7 @@ def verify_motion(
 ) -> SafetyReport:
     """Prove that bodies keep their clearances along a path of numbers or a trajectory, or find where they do not.
 
-    The proof is that of planned motions: it covers all times, not only those of the poses.
+    The proof is the same as for planned motions: it covers all times, not only the times of the poses.
 
     Parameters
     ----------
@@ -365,7 +365,7 @@ def verify_motion(
                 "belongs to obstacles=."
             )
     scene = make_scene(_WHAT, bodies=moving, obstacles=beside, body_pairs=body_pairs, exclude=tuple(exclude))
-    clearances = asked_clearances(_WHAT, scene.clearances, scene.bodies, clearance)
+    clearances = required_clearances(_WHAT, scene.clearances, scene.bodies, clearance)
     return verify_clearance(motion, scene.bodies, clearances, tolerance=tolerance)
 
 

@@ -23,7 +23,7 @@ def draw_avoidance(avoid: Any, *, title: str | None = None, **options: Any) -> A
     Parameters
     ----------
     avoid : ObstacleAvoidanceBlock
-        Its variables need values: those of a solution, or of an initial guess.
+        Its variables need the values of a solution, or of an initial guess.
     title : str, optional
         The block's name by default.
     **options

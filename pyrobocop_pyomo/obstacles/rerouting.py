@@ -1,7 +1,8 @@
 """Rerouting of an initial guess: along a grid path that leads a convex body around all obstacles at once.
 
-Every pair of shapes that overlap has its own cheapest separation, and those of several obstacles may contradict each
-other: left of one, right of the next, where the gap is above both. A search on a grid sees all of them together.
+Every pair of shapes that overlap has its own cheapest separation, and the separations of several obstacles may
+contradict each other: left of one, right of the next, where the gap is above both. A search on a grid sees all of them
+together.
 
 Shortest paths on grids in any dimension, by Dijkstra's method over faces, edges and corners of the cells.
 """
@@ -251,9 +252,9 @@ def grid_lower_bounds(axes: Sequence[Array], obstacles: Sequence[Polytope], beyo
         Coordinates along each axis, increasing.
     obstacles : sequence of Polytope
     beyond : float
-        What is farther away is not looked at: each obstacle concerns the cells around it only.
+        Each obstacle concerns the cells around it only.
     """
-    found = np.full([len(axis) for axis in axes], beyond)
+    distances = np.full([len(axis) for axis in axes], beyond)
     for obstacle in obstacles:
         window = tuple(slice(None) for _ in axes)
         if obstacle.is_bounded:
@@ -267,13 +268,13 @@ def grid_lower_bounds(axes: Sequence[Array], obstacles: Sequence[Polytope], beyo
         )
         if near.size:
             bounds = distance_lower_bounds(near.reshape(-1, len(axes)), [obstacle]).reshape(near.shape[:-1])
-            found[window] = np.minimum(found[window], bounds)
-    return found
+            distances[window] = np.minimum(distances[window], bounds)
+    return distances
 
 
 def distance_lower_bounds(points: Array, obstacles: Sequence[Polytope]) -> Array:
     """Lower bounds (k,) of the distances of points (k, d) to the nearest of the obstacles."""
-    found = np.full(len(points), np.inf)
+    distances = np.full(len(points), np.inf)
     for obstacle in (each.covered for each in obstacles):
         bound = np.full(len(points), -np.inf)
         if not obstacle.is_flat:
@@ -283,8 +284,8 @@ def distance_lower_bounds(points: Array, obstacles: Sequence[Polytope]) -> Array
             below, above = obstacle.bounding_box[0] + obstacle.radius, obstacle.bounding_box[1] - obstacle.radius
             outside = np.maximum(below - points, points - above)
             bound = np.maximum(bound, np.where(outside.max(axis=1) > 0, np.linalg.norm(outside.clip(0), axis=1), bound))
-        found = np.minimum(found, bound - obstacle.radius)
-    return found
+        distances = np.minimum(distances, bound - obstacle.radius)
+    return distances
 
 
 def _places(block: Any, scene: Scene, name: str, body: Body, numbers: Any, entries: Any) -> Array | None:

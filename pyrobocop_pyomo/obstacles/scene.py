@@ -119,12 +119,12 @@ class Scene:
 # -------------------------------------------------------------------------------- scenes from arguments of the block
 
 
-def make_scene(what: str, *, bodies: Any, obstacles: Any, body_pairs: Any, exclude: Iterable[BodyPair]) -> Scene:
+def make_scene(where: str, *, bodies: Any, obstacles: Any, body_pairs: Any, exclude: Iterable[BodyPair]) -> Scene:
     """Make a scene from arguments of `ObstacleAvoidanceBlock`, and check them.
 
     Parameters
     ----------
-    what : str
+    where : str
         Name of the block in messages.
     bodies : mapping of name to Body or Polytope
     obstacles : mapping of name to Polytope, list of Polytope or Body; or a sequence of such
@@ -136,35 +136,35 @@ def make_scene(what: str, *, bodies: Any, obstacles: Any, body_pairs: Any, exclu
     ObstacleError
         Naming the body or the body pair.
     """
-    moving = named_bodies(what, "bodies", "body", bodies)
-    fixed = named_bodies(what, "obstacles", "obstacle", obstacles)
+    moving = named_bodies(where, "bodies", "body", bodies)
+    fixed = named_bodies(where, "obstacles", "obstacle", obstacles)
     if not moving:
-        raise ObstacleError(f"{what}: there is no body. Give bodies={{name: Body(shape, pose)}}, or body= and pose=.")
+        raise ObstacleError(f"{where}: there is no body. Give bodies={{name: Body(shape, pose)}}, or body= and pose=.")
     twice = sorted(set(moving) & set(fixed))
     if twice:
-        raise ObstacleError(f"{what}: {_listed(twice)} is the name of a body and of an obstacle. Rename one of them.")
+        raise ObstacleError(f"{where}: {_listed(twice)} is the name of a body and of an obstacle. Rename one of them.")
     everybody = {**moving, **fixed}
     parts: dict[str, ConvexPart] = {}
     for name, body in everybody.items():
         for part in (ConvexPart(label, name, shape) for label, shape in body.named_parts(name)):
             if part.name in parts or (part.name != name and part.name in everybody):
                 raise ObstacleError(
-                    f"{what}: '{part.name}' is the name of a body and of a part of '{name}'. Rename one."
+                    f"{where}: '{part.name}' is the name of a body and of a part of '{name}'. Rename one."
                 )
             parts[part.name] = part
     first = next(iter(parts.values()))
     for part in parts.values():
         if part.shape.dimension != first.shape.dimension:
             raise ObstacleError(
-                f"{what}: '{first.name}' has dimension {first.shape.dimension}, '{part.name}' has dimension "
+                f"{where}: '{first.name}' has dimension {first.shape.dimension}, '{part.name}' has dimension "
                 f"{part.shape.dimension}. All shapes of a scene must be in the plane, or all in space."
             )
-    pairs = _watched_pairs(what, everybody, frozenset(fixed), body_pairs, exclude)
+    pairs = _watched_pairs(where, everybody, frozenset(fixed), body_pairs, exclude)
     return Scene(everybody, frozenset(fixed), parts, dict.fromkeys(pairs, 0.0))
 
 
 def named_bodies(label: str, plural: str, singular: str, given: Any) -> dict[str, Body]:
-    """Bodies by name; those of a list are numbered.
+    """Bodies by name; bodies of a list are numbered.
 
     Raises
     ------
@@ -266,7 +266,7 @@ def is_length(number: Any) -> bool:
     return isinstance(number, Real) and not isinstance(number, bool) and 0.0 < float(number) < math.inf
 
 
-def asked_clearances(
+def required_clearances(
     label: str, body_pairs: Iterable[BodyPair], bodies: Collection[str], clearance: Any
 ) -> dict[BodyPair, Any]:
     """The clearance of each watched body pair: a float, an expression or a `Template`.
@@ -280,23 +280,23 @@ def asked_clearances(
     if isinstance(clearance, IndexedComponent) and clearance.is_indexed():
         clearance = {key: clearance[key] for key in clearance}
     if isinstance(clearance, Mapping):
-        asked = {frozenset(checked_pair(label, "clearance", key, bodies)): given for key, given in clearance.items()}
-        missing = [pair for pair in pairs if frozenset(pair) not in asked]
+        required = {frozenset(checked_pair(label, "clearance", key, bodies)): given for key, given in clearance.items()}
+        missing = [pair for pair in pairs if frozenset(pair) not in required]
         if missing:
             raise ObstacleError(
                 f"{label}: clearance= says nothing about {', '.join(map(str, missing))}. Add them, or leave these body "
                 "pairs out by exclude=."
             )
         watched = {frozenset(pair) for pair in pairs}
-        unwatched = [tuple(sorted(pair)) for pair in asked if pair not in watched]
+        unwatched = [tuple(sorted(pair)) for pair in required if pair not in watched]
         if unwatched:
             raise ObstacleError(
                 f"{label}: clearance= is given for {', '.join(map(str, unwatched))}, which is not watched. "
                 "Add the pair to body_pairs=, or leave it out of clearance=."
             )
     else:
-        asked = {frozenset(pair): clearance for pair in pairs}
-    return {pair: _checked_clearance(label, pair, asked[frozenset(pair)]) for pair in pairs}
+        required = {frozenset(pair): clearance for pair in pairs}
+    return {pair: _checked_clearance(label, pair, required[frozenset(pair)]) for pair in pairs}
 
 
 def _checked_clearance(label: str, pair: BodyPair, given: Any) -> Any:
@@ -320,7 +320,7 @@ def _checked_clearance(label: str, pair: BodyPair, given: Any) -> Any:
     return float(given)
 
 
-def least_possible(expression: Any) -> float:
+def lower_bound_of_clearance(expression: Any) -> float:
     """The least value of a clearance, whatever its variables become; 0 where it is not known."""
     if isinstance(expression, Real) or not expression.is_potentially_variable():
         return float(value(expression))

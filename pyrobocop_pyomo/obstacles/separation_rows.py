@@ -53,7 +53,7 @@ def add_poses(record: AvoidanceRecord, motion: Motion, segments: Iterable[Motion
     bodies = record.scene.bodies
     rules = {name: pose_along(motion, body.pose, name) for name, body in bodies.items() if body.moves}
     rules_of_pairs = {
-        pair: clearance_along(motion, asked, pair) for pair, asked in record.asked.items() if is_clearance_rule(asked)
+        pair: clearance_along(motion, rule, pair) for pair, rule in record.clearances.items() if is_clearance_rule(rule)
     }
     for segment in segments:
         pair = record.body_pair(segment)
@@ -99,7 +99,7 @@ def add_separation(block: Any, record: AvoidanceRecord, segment: MotionSegment) 
     offset = block.offset.add(index)
     # What a rule asks for at other times than the first grows one of the shapes that move.
     rising = None
-    if is_clearance_rule(record.asked[pair]):
+    if is_clearance_rule(record.clearances[pair]):
         rising = second if scene.is_static(first.body) else first
     for name, rows, part, height in (
         ("first", block.first_shape, first, offset + block.required[index]),
@@ -117,7 +117,7 @@ def add_separation(block: Any, record: AvoidanceRecord, segment: MotionSegment) 
             else:
                 shape = part.shape
                 direction = [
-                    block.turned_normal.add((name, *place, axis), entry)
+                    block.rotated_normal.add((name, *place, axis), entry)
                     # R'n: the direction in the frame of the body
                     for axis, entry in enumerate(dot(column, normal) for column in zip(*pose.rotation, strict=True))
                 ]
@@ -148,7 +148,7 @@ def start_plane(block: Any, index: SeparationIndex, first: Polytope, second: Pol
     """The given normal, and the plane in the middle of the gap along it."""
     for axis, number in enumerate(normal.tolist()):
         block.normal[(*index, axis)].set_value(number, skip_validation=True)
-    # What is required holds both paddings.
+    # The required clearance holds both paddings.
     upper = float(first.lowest(normal[None])[0]) + first.radius - value(block.required[index])
     lower = float(second.highest(normal[None])[0]) - second.radius
     block.offset[index].set_value((upper + lower) / 2, skip_validation=True)

@@ -14,7 +14,7 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.motion.safety_report import BodyPairSafety, SafetyReport
 
-from .broad_phase import places_of
+from .broad_phase import segments_by_place
 from .containment import ContainmentData
 
 logger = logging.getLogger(__name__)
@@ -53,7 +53,7 @@ def tighten(block: Any, report: SafetyReport, *, split: bool) -> list[str]:
 
 def _tighten_separations(block: Any, report: SafetyReport, *, split: bool) -> dict[str, int]:
     motion, per_interval = block.motion, block.record.per_interval
-    present = places_of(block.record.segments.values()) if per_interval else {}
+    present = segments_by_place(block.record.segments.values()) if per_interval else {}
     places = [(pair, interval) for pair in report.body_pairs for interval in pair.unproven]
     missed = []
     for pair, k in places:
@@ -89,6 +89,6 @@ def _raise_margins_to_region(region: ContainmentData, report: SafetyReport) -> d
 
 
 def _missing(pair: BodyPairSafety) -> Any:
-    """By how much the distance misses what is required, in each interval; that is meant for those not proven."""
+    """By how much the distance misses the required one, in each interval; for intervals that are not proven."""
     # Where no instant is too close, only the proof is missing, by at most the tolerance.
     return np.fmax(pair.missing, pair.tolerance)

@@ -57,7 +57,7 @@ def preformatted(text: str) -> str:
     return f"<pre>{escape(text)}</pre>"
 
 
-# What is smaller is not worth more digits.
+# Smaller numbers are not worth more digits.
 SMALLEST = 1e-9
 
 

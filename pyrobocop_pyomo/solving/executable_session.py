@@ -174,7 +174,7 @@ class ExecutableSession(Session):
             load_suffixes=loader.load_import_suffixes,
             row_multipliers=loader.row_multipliers,
         )
-        return self._judged(iterate)
+        return self._with_stationarity(iterate)
 
     def _run_process(self, options: Mapping[str, Any], deadline: Deadline) -> tuple[IpoptStatus, int]:
         """One process: its status and iterations; its point is put on the model."""

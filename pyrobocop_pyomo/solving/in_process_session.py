@@ -112,7 +112,7 @@ class InProcessSession(Session):
             load_suffixes=loader.load_import_suffixes,
             row_multipliers=loader.row_multipliers,
         )
-        return self._judged(iterate)
+        return self._with_stationarity(iterate)
 
     def compiled(self, *, anew: bool = False) -> CompiledModel | None:
         """See `Session.compiled`."""

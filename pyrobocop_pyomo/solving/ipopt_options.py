@@ -83,7 +83,7 @@ FROM_COARSE_MESH = {"mu_init": 1e-6, "bound_push": 1e-6, "bound_frac": 1e-6}
 FINER_MESH = {**FROM_COARSE_MESH, "bound_mult_init_method": "mu-based"}
 # What is solved by Ipopt's scaled tolerances, to be solved by those of the residuals as they are: its bounds too.
 TIGHTER_TOLERANCES = {"tol": 1e-10, "constr_viol_tol": 1e-8, "s_max": 1e8, "bound_relax_factor": 0.0}
-# A scaled program: typical sizes may be far above those of the solution, and tolerances relative to them be loose.
+# A scaled program: typical sizes may be far above the sizes of the solution, and tolerances relative to them be loose.
 # What cannot be solved so well counts as solved where it is solved to Ipopt's usual tolerance. Bounds are loosened by
 # next to nothing: where an altitude of 1e5 lies at zero, the rows of a climb are as small as what they would give way.
 SCALED = {"tol": 1e-10, "compl_inf_tol": 1e-12, "acceptable_tol": IPOPT_TOLERANCE, "bound_relax_factor": 1e-13}
@@ -101,7 +101,7 @@ class IpoptOptions:
     ----------
     user, strategy, default : mapping
     most_iterations : int or None
-        The smaller limit counts: this one, or that of the layers.
+        The smaller limit counts: this one, or the limit of the layers.
     """
 
     user: Mapping[str, Any] = field(default_factory=dict)

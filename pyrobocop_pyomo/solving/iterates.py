@@ -229,7 +229,7 @@ class Iterate(Presented):
     load_suffixes : callable
         Fills the user's suffixes with its multipliers.
     row_multipliers : callable
-        Gives those of the user's rows and bounds; None where there are none.
+        Gives the multipliers of the user's rows and bounds; None where there are none.
     classify : callable
         Looks for the multipliers of the pairs; None where there are none to be found.
     """
@@ -337,6 +337,6 @@ class Iterate(Presented):
 
 
 def step_header(*, pairs: bool) -> str:
-    """The line above those of `Iterate.line`."""
+    """The header of the lines of `Iterate.line`."""
     delta, product = (f"{'delta':>8} ", f"{'max a*b':>9} ") if pairs else ("", "")
     return f"{'step':<22} {delta}{'iter':>6} {'objective':>14} {'violation':>9} {product}{'seconds':>8}  status"

@@ -74,7 +74,7 @@ class ModelCheck:
         return found + [violation_of(data, data.value, *data.bounds) for data in outside]
 
     def violations(self, negligible: float = ROUNDING) -> tuple[float, float]:
-        """Largest violation, and the largest where each is divided by the size of what it is a violation of.
+        """Largest violation, and the largest relative to the size of the row or bound.
 
         A row is of the size of the largest term that it adds up, and a bound of that of its variable, at the point that
         is on the model; what is smaller than 1 counts as 1. Rows are divided where one of them is violated by more than
@@ -82,13 +82,13 @@ class ModelCheck:
         """
         of_rows, of_variables = self._row_violations(), self._bounded.violations()
         of_relations = [relation_violation(relation, unknown=float("inf")) for relation in self._relations]
-        found = [
+        per_rows = [
             (of_rows, self._largest_relative(of_rows) if of_rows.max(initial=0.0) > negligible else of_rows),
             (of_variables, of_variables / self._bounded.sizes()),
             (np.array(of_relations), np.array(of_relations)),
         ]
         worst, relative = (
-            max(float(each.max(initial=0.0)) for each in several) for several in zip(*found, strict=True)
+            max(float(each.max(initial=0.0)) for each in several) for several in zip(*per_rows, strict=True)
         )
         return worst, relative
 
@@ -143,7 +143,7 @@ class SideSizes:
         # Below, a side is zero and not small: what a relaxation leaves of it.
         return np.where(sizes < MET, 1.0, np.minimum(sizes, 1.0))
 
-    def too_small(self, sides: NDArray[np.float64], tolerance: float) -> NDArray[np.bool_]:
+    def are_too_small(self, sides: NDArray[np.float64], tolerance: float) -> NDArray[np.bool_]:
         """The pairs that are met if their sides are zero, and are not if these are small, shape (pairs,).
 
         Parameters

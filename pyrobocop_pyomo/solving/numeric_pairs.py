@@ -65,7 +65,7 @@ def numeric_pairs(
 
 
 def without_crossed(multipliers: Multipliers, crossed: Sequence[tuple[int, int]]) -> Multipliers:
-    """The multipliers of the pairs alone: what a side has in crossed ones is added to what it has in its own."""
+    """The multipliers of the pairs alone: multipliers of a side in crossed pairs are added to its own."""
     if not crossed:
         return multipliers
     count = multipliers.nu.size - len(crossed)

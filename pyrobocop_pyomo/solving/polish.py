@@ -129,14 +129,14 @@ class Polish:
         start = BranchPoint.at(self._program, PrimalDualPoint(x), nearest_branch(self._program, x))
         try:
             with record.counted_as_exploring():
-                found = self._search.explore(start, record.explored_branches, deadline, work)
-                self._add_linear_programs("explore", found)
+                best = self._search.explore(start, record.explored_branches, deadline, work)
+                self._add_linear_programs("explore", best)
         finally:
             if np.isfinite(work):  # linear programs
                 record.explored_work += work - self._search.work_left - (record.iterations - before)
             self._search.work_left = np.inf
             self._note_interruption()
-        return iterate if found is start else self._examined(iterate, found, start)
+        return iterate if best is start else self._examined(iterate, best, start)
 
     def _note_interruption(self) -> None:
         if self._search.interrupted:
@@ -150,7 +150,7 @@ class Polish:
         before, too.
         """
         ranks = [list(Quality).index(iterate.quality(self._settings.tolerances)) for iterate in (before, after)]
-        # Objectives that differ by no more are those of one solution, relaxed and exact.
+        # Objectives that differ by no more belong to one solution, relaxed and exact.
         flattered = abs(after.objective - before.objective) > MET * max(1.0, abs(before.objective))
         refuted = after.certificate is Certificate.DESCENT or (after.converged and flattered)
         return before if ranks[0] < ranks[1] and not refuted else after
@@ -180,24 +180,24 @@ class Polish:
             iterate = replace(iterate, certificate=Certificate.PROVEN)
         return replace(iterate, stop_reason=StopReason.FINISHED, stationarity=multipliers.residual)
 
-    def _certified(self, found: BranchPoint) -> tuple[BranchPoint, Certificate]:
+    def _certified(self, branch_point: BranchPoint) -> tuple[BranchPoint, Certificate]:
         """Follow descending branches, unless the multipliers show already that there are none."""
-        if found.branch is None or found.violation > self._limits.feasibility:
-            return found, Certificate.UNKNOWN
-        if self._strong(found, Linearisation.at(self._program.nlp, found.x)) is not None:
-            return found, Certificate.PROVEN
-        if found is self._search.certified:
-            return found, Certificate.PROVEN
-        descended = self._search.descend(found)
+        if branch_point.branch is None or branch_point.violation > self._limits.feasibility:
+            return branch_point, Certificate.UNKNOWN
+        if self._strong(branch_point, Linearisation.at(self._program.nlp, branch_point.x)) is not None:
+            return branch_point, Certificate.PROVEN
+        if branch_point is self._search.certified:
+            return branch_point, Certificate.PROVEN
+        descended = self._search.descend(branch_point)
         self._add_linear_programs("certificate", descended)
         return descended, self._search.certificate
 
-    def _classified(self, found: BranchPoint) -> Multipliers | None:
+    def _classified(self, branch_point: BranchPoint) -> Multipliers | None:
         """Multipliers of the strongest kind at a point; None where it is not met, or there was no time."""
-        if max(found.violation, found.natural_residual) > self._settings.tolerances.natural:
+        if max(branch_point.violation, branch_point.natural_residual) > self._settings.tolerances.natural:
             return None
-        point = Linearisation.at(self._program.nlp, found.x)
-        multipliers = self._strong(found, point)
+        point = Linearisation.at(self._program.nlp, branch_point.x)
+        multipliers = self._strong(branch_point, point)
         if multipliers is None:
             problem, seconds = MultiplierProblem(self._program, point), self._limits.lpec_seconds
             multipliers = classify(problem, time_limit=seconds, deadline=self._settings.deadline)
@@ -206,11 +206,11 @@ class Polish:
         numbers = {name: getattr(multipliers, name) * self._slope for name in ("nu", "xi", "rows")}
         return without_crossed(replace(multipliers, **numbers), self._crossed)
 
-    def _strong(self, found: BranchPoint, point: Linearisation) -> Multipliers | None:
-        if found.branch is None or found.violation > self._limits.feasibility:
+    def _strong(self, branch_point: BranchPoint, point: Linearisation) -> Multipliers | None:
+        if branch_point.branch is None or branch_point.violation > self._limits.feasibility:
             return None
-        sizes = self._sizes(found)
-        return strong_multipliers(self._program, point, found.branch, found.point, sizes, NEARLY_BIACTIVE)
+        sizes = self._sizes(branch_point)
+        return strong_multipliers(self._program, point, branch_point.branch, branch_point.point, sizes, NEARLY_BIACTIVE)
 
     def _sizes(self, found: BranchPoint) -> FloatArray:
         """Sizes of the variables at a point."""
@@ -221,10 +221,10 @@ class Polish:
         finally:
             self._compiled.load_point(x)
 
-    def _at(self, found: BranchPoint, strategy: str) -> Iterate:
+    def _at(self, end: BranchPoint, strategy: str) -> Iterate:
         """The iterate of the run that solved a branch, its point on the model."""
-        iterate, outcome = self._solved[id(found)]
-        self._compiled.load_point(found.x)
+        iterate, outcome = self._solved[id(end)]
+        self._compiled.load_point(end.x)
         point = outcome.point.with_objective_divided(1.0 / self._slope)
         names = ("g_multipliers", "lower_multipliers", "upper_multipliers")
         outcome = replace(outcome, **{name: getattr(point, name) for name in names})
@@ -235,8 +235,8 @@ class Polish:
             values=self._values.read(),
             # What no program was solved at has no multipliers.
             stationarity=None
-            if found.branch is None
-            else stationarity(restricted(self._program, found.branch), found.point, self._sizes(found)),
+            if end.branch is None
+            else stationarity(restricted(self._program, end.branch), end.point, self._sizes(end)),
             load_suffixes=loader.load_import_suffixes,
             row_multipliers=loader.row_multipliers,
         )
@@ -249,8 +249,8 @@ class Polish:
         deadline: Deadline = self._search.deadline
         return run_ipopt(nlp, self._options, start, deadline=deadline, output=self._settings.output)
 
-    def _add(self, purpose: str, outcome: IpoptOutcome, found: BranchPoint, kept: bool) -> None:
-        self._compiled.load_point(found.x)
+    def _add(self, purpose: str, outcome: IpoptOutcome, branch_point: BranchPoint, kept: bool) -> None:
+        self._compiled.load_point(branch_point.x)
         iterate = self._record.add(
             Iterate.of_run(
                 purpose if kept else f"{purpose} (not kept)",
@@ -264,8 +264,8 @@ class Polish:
         )
         if iterate.diverged:
             self.has_diverged = True
-            self._record.note_diverged(replace(iterate, values=self._values.read()))
-        self._solved[id(found)] = (replace(iterate, multipliers=found), outcome)
+            self._record.remember_diverged(replace(iterate, values=self._values.read()))
+        self._solved[id(branch_point)] = (replace(iterate, multipliers=branch_point), outcome)
 
     def _add_linear_programs(self, purpose: str, at: BranchPoint) -> None:
         """Log the linear programs after the last run, at the point where they led no further."""

@@ -15,7 +15,7 @@ from pyomo.common.errors import InfeasibleConstraintException
 from pyomo.core.base.constraint import Constraint
 
 from pyrobocop_pyomo.complementarity import Geometric
-from pyrobocop_pyomo.complementarity.relaxed_model import forget_removed
+from pyrobocop_pyomo.complementarity.relaxed_model import clean_suffixes
 from pyrobocop_pyomo.diagnosis import Finding, Severity
 from pyrobocop_pyomo.diagnosis.statements import form_findings
 from pyrobocop_pyomo.diagnosis.values import boundary_findings, decided_findings
@@ -54,7 +54,7 @@ from .strategies import (
 )
 from .violations import (
     GROWING,
-    growing_variables,
+    diverging_variables,
     remarks_on_phases_with_pairs,
     worst_of_each_component,
 )
@@ -114,7 +114,7 @@ class _Procedure(Runner):
             self.guess.explain(began=first is not None and first.iterations > 0)
         unbounded = self.record.unbounded
         self.values.write(best.values if unbounded is None else unbounded.values)
-        if (unbounded is not None or best.diverged) and (growing := growing_variables(self.values, GROWING)):
+        if (unbounded is not None or best.diverged) and (growing := diverging_variables(self.values, GROWING)):
             self.guess.remarks += [f"What grows: {growing}."]
         if unbounded is not None and not best.diverged:
             self.guess.remarks += [
@@ -126,7 +126,7 @@ class _Procedure(Runner):
         self.values.write(best.values)
         self.guess.remarks += self._explanations(best)
         best.load_suffixes()
-        forget_removed(self.model)
+        clean_suffixes(self.model)
         return self._result(best)
 
     def _leave_best_point(self) -> None:
@@ -135,25 +135,25 @@ class _Procedure(Runner):
         self.values.write(self.guess.values if best is None else best.values)
 
     def _go_through(self) -> None:
-        with contextlib.closing(self.places):
+        with contextlib.closing(self.sessions):
             for strategy in self._strategies():
                 self._try(strategy)
             self.go_back_to_start()
             self.explore()
             self._look_further()
             if self.record.best is not None and self.record.cut is not StopReason.INTERRUPTED:
-                with self.nothing_lost("the search for multipliers"):
+                with self.keep_best_when_stopped("the search for multipliers"):
                     self.multipliers = self.record.best.classify()
 
     def _strategies(self) -> Iterator[Strategy]:
-        """Those of the caller's strategies that are for such a model, or else those of the table that follow."""
+        """The caller's strategies for such a model, or else the strategies of the table that follow."""
         record, chosen = self.record, self.settings.strategies
         if chosen is not None and (not self.has_pairs or any(row.for_pairs is not False for row in chosen)):
             for row in chosen:
-                if row.for_pairs in (None, self.has_pairs) and record.is_followed_by(row, is_chosen=True):
+                if row.for_pairs in (None, self.has_pairs) and record.has_to_run(row, is_chosen=True):
                     yield row
             if record.best is None and not self.has_pairs:
-                yield SOLVE  # what was chosen has no start of its own here
+                yield SOLVE  # the chosen strategies have no start of their own here
             return
         first, most = next(row for row in STRATEGIES if row.for_pairs is self.has_pairs), math.inf
         is_alone = not (self.has_pairs or self.settings.second_tries)  # other starts are the caller's
@@ -165,10 +165,10 @@ class _Procedure(Runner):
             limit = int(min(ITERATIONS_OF_ONE, most - record.iterations))
             if not is_meant or row.name in self.tried or limit <= 0:
                 continue
-            if row is OWN_UNITS and (self.places.last is None or self.places.last.session.scaling is None):
+            if row is OWN_UNITS and (self.sessions.last is None or self.sessions.last.session.scaling is None):
                 continue  # how the first run went
             is_several = self.has_pairs and isinstance(row.schedule, Geometric)  # runs, each of which may take as many
-            if record.is_followed_by(row, is_chosen=row is first):
+            if record.has_to_run(row, is_chosen=row is first):
                 yield row if is_alone or is_several else replace(row, options={"max_iter": limit, **row.options})
             if row is first:
                 record.first = record.best
@@ -176,7 +176,7 @@ class _Procedure(Runner):
         ends = TIGHT.follows | {StopReason.ITERATION_LIMIT}
         rest = replace(first, name=f"{first.name} to the end", most_iterations=None, follows=ends)
         was_cut_short = record.first is not None and record.first.stop_reason is StopReason.ITERATION_LIMIT
-        if was_cut_short and not is_alone and record.is_followed_by(rest):
+        if was_cut_short and not is_alone and record.has_to_run(rest):
             yield rest  # with its remaining iterations
 
     def _look_further(self) -> None:
@@ -206,15 +206,15 @@ class _Procedure(Runner):
 
     def _other_ways(self) -> Iterator[Strategy]:
         """For a model without pairs on fewer elements where there are many; none where it is convex."""
-        place, left = self.places.place, self.record.left_to_explore()[1]
+        opened, left = self.sessions.current, self.record.left_to_explore()[1]
         is_requested = self.settings.exploration is not None
         by_default = self.record.iterations <= EXPLORED_WORK if self.has_pairs else bool(phases_of(self.model))
-        if place is None or not (is_requested or by_default):
+        if opened is None or not (is_requested or by_default):
             return
         if self.has_pairs:
             yield from chain([ELASTIC], other_starts(has_pairs=True))
             return
-        compiled = place.session.compiled() if self.settings.second_tries and left else None
+        compiled = opened.session.compiled() if self.settings.second_tries and left else None
         if compiled is None or is_convex(compiled.nlp, compiled.current_point()):
             return
         is_fine = bool(elements_of_copy(self.model, EXPLORED_ELEMENTS))
@@ -229,7 +229,7 @@ class _Procedure(Runner):
 
     def _try(self, strategy: Strategy) -> bool:
         """Run a strategy, if it has something to work on; what an earlier one found stays whatever happens."""
-        with self.nothing_lost(f"strategy '{strategy.name}'"):
+        with self.keep_best_when_stopped(f"strategy '{strategy.name}'"):
             iterate = self.run(strategy)
             if iterate is None:
                 return False
@@ -244,7 +244,7 @@ class _Procedure(Runner):
     def _is_on_the_way(self, strategy: Strategy, iterate: Iterate) -> bool:
         """Whether a run without pairs ended at no solution, but where elastic rows led to or near a better one."""
         record, best = self.record, self.record.best
-        if self.has_pairs or record.is_certified(iterate) or iterate.stop_reason.is_final or record.is_cut():
+        if self.has_pairs or record.is_certified(iterate) or iterate.stop_reason.is_final or record.has_to_stop():
             return False
         if best is None or not record.is_certified(best):
             return strategy.elastic_rows
@@ -253,8 +253,8 @@ class _Procedure(Runner):
         return strategy.elastic_rows or one.is_better_than(other)
 
     def _result(self, best: Iterate) -> SolveResult:
-        cut, place = self.record.cut, self.places.last
-        scaling = None if place is None else place.session.scaling
+        cut, opened = self.record.cut, self.sessions.last
+        scaling = None if opened is None else opened.session.scaling
         scale = None if scaling is None else scaling.scales.objective
         if self.multipliers is not None and self.multipliers.kind is Stationarity.S:
             best = replace(best, certificate=Certificate.PROVEN)
@@ -273,9 +273,9 @@ class _Procedure(Runner):
             doubts=self._doubts(best),
             steps=self.record.steps,
             standing=best.standing(self.settings.tolerances, self.record.check.sign),
-            decided_pairs=0 if place is None else len(place.relaxed.decided),
-            solver="" if place is None else place.session.solver,
-            derivatives="" if place is None else place.session.derivatives,
+            decided_pairs=0 if opened is None else len(opened.relaxed.decided),
+            solver="" if opened is None else opened.session.solver,
+            derivatives="" if opened is None else opened.session.derivatives,
             scaling=None if scaling is None else scaling.record,
             checking_seconds=self.record.seconds,
             model=weakref.ref(self.model),
@@ -284,7 +284,7 @@ class _Procedure(Runner):
         )
 
     def _explanations(self, best: Iterate) -> list[str]:
-        """What may be the cause of a failure, beside what is not met."""
+        """Possible causes of a failure, beside the violations."""
         quality = best.quality(self.settings.tolerances)
         said = [*remarks_on_phases_with_pairs(self.model)] if quality is Quality.INFEASIBLE else []
         if self.record.pairs and quality is Quality.OPTIMAL and self._is_linear():
@@ -297,11 +297,11 @@ class _Procedure(Runner):
 
     def _doubts(self, best: Iterate) -> tuple[Finding, ...]:
         """Why the best point may not be what was meant, or pairs not be met although both sides are small."""
-        too_small = self.record.too_small()
-        if too_small:
+        small = self.record.pairs_with_small_sides()
+        if small:
             message = (
-                f"Both sides of pair '{too_small[0].name}' differ from zero, and one of them is smaller than "
-                f"{MET:g} all the time: whether such pairs are met, {len(too_small)} in all, is not known."
+                f"Both sides of pair '{small[0].name}' differ from zero, and one of them is smaller than "
+                f"{MET:g} all the time: whether such pairs are met, {len(small)} in all, is not known."
             )
             remedy = "State what is so small in a smaller unit, so that it has values near 1."
         elif best.certificate is Certificate.DESCENT and not self.record.pairs:

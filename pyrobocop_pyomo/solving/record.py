@@ -1,4 +1,4 @@
-"""`Record`: all that the runs of one solve ended at, which point is the best, and what was spent."""
+"""`Record`: all iterates of one solve, the best of them, and the effort."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from .violations import Violation, violations_of_pairs
 
 logger = logging.getLogger(__name__)
 
-# Objectives that differ by less, relative to their size, are those of one solution.
+# Objectives that differ by less, relative to their size, belong to one solution.
 SAME_OBJECTIVE = 1e-4
 # By default exploration may take as long as the rest of the solve with up to `CROSS_CHECKED_PAIRS` pairs. The
 # more pairs, the less a look beyond the nearest solution pays: at twice as many there is none, unless it is requested.
@@ -108,7 +108,7 @@ class Record:
 
     @property
     def iterations(self) -> int:
-        """Those of Ipopt, in all runs so far."""
+        """Iterations of Ipopt, in all runs so far."""
         return sum(step.iterations for step in self.steps)
 
     # ---------------------------------------------------------------- runs
@@ -178,9 +178,9 @@ class Record:
         of_pairs = violations_of_pairs(self.residuals(), tolerances, sizes.prod(axis=1).tolist())
         return [*self.check.violated(tolerances), *of_pairs]
 
-    def too_small(self) -> list[CanonicalPair]:
+    def pairs_with_small_sides(self) -> list[CanonicalPair]:
         """Pairs that are met only if what their sides have left is zero and not small."""
-        found = self._sizes.too_small(self._sides(), self._settings.tolerances.natural)
+        found = self._sizes.are_too_small(self._sides(), self._settings.tolerances.natural)
         return [self.pairs[place] for place in np.flatnonzero(found).tolist()]
 
     def residuals(self) -> list[PairResidual]:
@@ -204,7 +204,7 @@ class Record:
         Zeros where one of them is used up, or there is no certified point, with pairs a proven one.
         """
         best, factor, iterations = self.best, self._settings.exploration, self.iterations - self._explored_iterations
-        if best is None or self.is_cut() or not self.is_certified(best):
+        if best is None or self.has_to_stop() or not self.is_certified(best):
             return 0.0, 0.0
         if self.pairs and best.certificate is not Certificate.PROVEN:
             return 0.0, 0.0
@@ -224,15 +224,15 @@ class Record:
     def keep(self, iterate: Iterate) -> None:
         """Remember a point where a strategy ended, and whether it is the best."""
         self.first = self.first or iterate
-        self.note_diverged(iterate)
+        self.remember_diverged(iterate)
         # By so little the products that are left flatter an objective.
-        flattered = iterate.delta is not None and self.leads_no_further(iterate)
+        flattered = iterate.delta is not None and self.has_no_better_limit(iterate)
         is_lost = flattered or (self.is_certified(self.best) and not self.is_certified(iterate))
         if self.is_better(iterate, self.best) and not is_lost:
             logger.info("strategy '%s' has the best point so far", iterate.strategy)
             self.best = iterate
 
-    def note_diverged(self, iterate: Iterate) -> None:
+    def remember_diverged(self, iterate: Iterate) -> None:
         """Remember a point of a run whose variables grow without end; another one is forgotten."""
         if iterate.diverged and iterate.values is not None and self._holds(iterate):
             self._diverged.append(iterate)
@@ -272,7 +272,7 @@ class Record:
             return False
         return not self._settings.polish or iterate.is_exact(tolerances)
 
-    def leads_no_further(self, relaxed: Iterate) -> bool:
+    def has_no_better_limit(self, relaxed: Iterate) -> bool:
         """Whether smaller products and a polish of a relaxed point hardly lead to a better point than a certified one.
 
         The products that are left flatter its objective: with them it falls, and does not rise.
@@ -286,13 +286,13 @@ class Record:
 
     # ---------------------------------------------------------------- how the solve goes on
 
-    def is_cut(self) -> bool:
+    def has_to_stop(self) -> bool:
         """Whether there is no time left, or somebody interrupted; without a solution, a time limit is noted."""
         if self.cut is None and self._settings.deadline.has_passed and not self.is_certified(self.best):
             self.cut = StopReason.TIME_LIMIT
         return self.cut is not None or self._settings.deadline.has_passed
 
-    def is_followed_by(self, strategy: Strategy, *, is_chosen: bool = False) -> bool:
+    def has_to_run(self, strategy: Strategy, *, is_chosen: bool = False) -> bool:
         """Whether a strategy is to be run, after what the others have found.
 
         Parameters
@@ -304,7 +304,7 @@ class Record:
         best = self.best
         if best is None:
             return True
-        if self.is_cut() or (self.unbounded is not None and not best.diverged):
+        if self.has_to_stop() or (self.unbounded is not None and not best.diverged):
             return False
         if self.is_certified(best):
             # It is a local solution: another way down finds a better one now and then, and ends at once where its

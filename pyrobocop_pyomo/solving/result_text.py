@@ -152,7 +152,7 @@ def short_text(result: Any) -> str:
 
 
 def first_line(result: Any) -> str:
-    """Verdict, objective, effort and errors: what is said wherever a result is shown."""
+    """Verdict, objective, effort and errors: the line that stands wherever a result is shown."""
     mesh, violation = result.errors_of_answer, result.constraint_violation
     if result.quality is Quality.INFEASIBLE:
         violation = max(violation, result.largest_natural_residual)
@@ -197,7 +197,7 @@ def _bare_verdict(result: Any) -> str:
 
 
 def _kept(safety: Any) -> str:
-    """What is known of a motion that keeps its clearances; nothing where there are none."""
+    """The line on a motion that keeps its clearances; nothing where there are none."""
     if safety is None:
         return ""
     if safety.safe is None:
@@ -232,7 +232,7 @@ def _doubts(result: Any) -> Iterable[str]:
 
 
 def _motion(result: Any) -> str:
-    """What a motion lacks; where no motion exists at all, obstacles are not what is in the way."""
+    """The failure of a motion in one line; nothing where obstacles are not the reason."""
     least, safety = result.least_violation, result.safety
     if result.was_safe is not False or (least is not None and least.is_proof):
         return ""
@@ -248,7 +248,7 @@ def _is_in_the_way(result: Any) -> bool:
 
 
 def _failure(result: Any) -> Iterable[str]:
-    """What is not met, what stands against a solution, and one thing to do."""
+    """Violations, obstructions of a solution, and one thing to do."""
     least = result.least_violation
     overlaps = _is_in_the_way(result)
     unmet = [one for one in result.violations if not (overlaps and one.where.startswith("clearance between"))]
@@ -267,7 +267,7 @@ def _failure(result: Any) -> Iterable[str]:
 
 
 def _suggestion(result: Any) -> Iterable[str]:
-    """One thing to do: what was noticed on the way, or what helps against how it ended."""
+    """One thing to do, from notes on the way or from the reason of the end."""
     noticed = [remark for remark in result.remarks if not remark.startswith(KEPT_MESH)][:1]
     reason, least = result.stop_reason, result.least_violation
     # No bound in the model stands for the time of a phase that lasts as long as a number says.
@@ -287,7 +287,7 @@ def _suggestion(result: Any) -> Iterable[str]:
 
 
 def long_report(result: Any, worst: int) -> str:
-    """Everything that is known about a result.
+    """The long text: findings, residuals, runs, clearances, and the worst pairs.
 
     Parameters
     ----------

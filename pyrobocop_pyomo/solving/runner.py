@@ -32,10 +32,10 @@ from .polish import Polish
 from .record import Record
 from .session import Session
 from .solve_result import SolveResult
+from .solver_sessions import InitialGuess, SolverSession, SolverSessions
 from .starts import EXPLORED_ELEMENTS, coarser_copy, put_start, take_values_of_copy
 from .strategies import BEYOND_SADDLE, FROM_THE_BEST, OTHER_OPTIMUM, SOLVE, Settings, StartingPoint, Strategy
-from .violations import growing_variables
-from .workplaces import InitialGuess, Workplace, Workplaces
+from .violations import diverging_variables
 
 logger = logging.getLogger(__name__)
 
@@ -56,9 +56,9 @@ class Continuation:
     Parameters
     ----------
     runner : Runner
-    place : Workplace
+    opened : SolverSession
     session : Session
-        That of the workplace, or another one of the same model.
+        The open one, or another one of the same model.
     strategy : Strategy
 
     Attributes
@@ -71,12 +71,12 @@ class Continuation:
     best: Iterate
     last: Iterate
 
-    def __init__(self, runner: Runner, place: Workplace, session: Session, strategy: Strategy) -> None:
+    def __init__(self, runner: Runner, opened: SolverSession, session: Session, strategy: Strategy) -> None:
         self._record, self._deadline = runner.record, runner.settings.deadline
-        self._session, self._values = session, place.values
-        self._options = place.options(runner.settings).with_strategy(strategy.options, strategy.most_iterations)
+        self._session, self._values = session, opened.values
+        self._options = opened.options(runner.settings).with_strategy(strategy.options, strategy.most_iterations)
         # Where multipliers decide how the relaxation goes on, all runs have to be solved to the end.
-        self._exact = not place.relaxed.shifted_rows
+        self._exact = not opened.relaxed.shifted_rows
 
     def run(self, schedule: Schedule | None, label: str) -> Iterate:
         """Run the schedule from the point on the model, and return the best one, which need not be there then.
@@ -116,7 +116,7 @@ class Continuation:
             if iterate.stop_reason.is_final or (iterate.converged and iterate.largest_natural_residual <= 1e-9):
                 return
             if iterate.converged:
-                if self._record.leads_no_further(iterate):
+                if self._record.has_no_better_limit(iterate):
                     return
                 start = iterate
             elif start is not None and start.delta is not None and start.delta > delta and shortened < SHORTENED_STEPS:
@@ -138,7 +138,7 @@ class Continuation:
     def _take(self, iterate: Iterate) -> Iterate:
         if iterate.stop_reason is StopReason.TIME_LIMIT and not self._deadline.has_passed:
             iterate = replace(iterate, stop_reason=StopReason.ITERATION_LIMIT)  # the user's of one run, not the solve's
-        if iterate.stop_reason in (StopReason.ITERATION_LIMIT, StopReason.FAILED) and growing_variables(self._values):
+        if iterate.stop_reason in (StopReason.ITERATION_LIMIT, StopReason.FAILED) and diverging_variables(self._values):
             # More iterations would only take it further: Ipopt itself calls that diverging much later.
             iterate = replace(iterate, stop_reason=StopReason.DIVERGED)
         self.last = iterate = replace(self._record.add(iterate), values=self._values.read())
@@ -180,7 +180,7 @@ class Runner:
     values : VariableValues
         The user's free variables.
     guess : InitialGuess
-    places : Workplaces
+    sessions : SolverSessions
     """
 
     def __init__(self, model: Any, settings: Settings, solve_copy: Callable[[Any, Settings], SolveResult]) -> None:
@@ -189,7 +189,7 @@ class Runner:
         self.values = VariableValues.of_free(model)
         self.record = Record(model, settings, len(self.values.variables))
         self.guess = InitialGuess(model, self.values)
-        self.places = Workplaces(model, settings, self.guess)
+        self.sessions = SolverSessions(model, settings, self.guess)
         self._solve_copy = solve_copy
 
     def run(self, strategy: Strategy) -> Iterate | None:
@@ -212,16 +212,16 @@ class Runner:
         # The executable does not say why it could not begin.
         could_begin = iterate is None or iterate.converged or iterate.iterations > 0 or iterate.stop_reason.is_final
         if not could_begin and self.guess.move():
-            self.places.close()
+            self.sessions.close()
             return self.run(strategy)
         return iterate
 
     def keep(self, iterate: Iterate) -> None:
-        """Remember what was found, and where a function had no value on the way."""
+        """Remember the iterate, and where a function had no value on the way."""
         if iterate.stop_reason.is_final and self.record.cut is None:
             self.record.cut = iterate.stop_reason
         self.record.keep(iterate)
-        compiled = None if self.places.place is None else self.places.place.session.compiled()
+        compiled = None if self.sessions.current is None else self.sessions.current.session.compiled()
         if compiled is not None and iterate.undefined_at is not None and not iterate.converged:
             self.guess.undefined = compiled, iterate.undefined_at
 
@@ -230,33 +230,33 @@ class Runner:
 
         They go through relaxed points, and an interior-point method leaves a start that lies on bounds.
         """
-        place, best = self.places.place, self.record.best
-        if place is None or not place.relaxed.has_pairs_alone or best is None or self.record.is_cut():
+        opened, best = self.sessions.current, self.record.best
+        if opened is None or not opened.relaxed.has_pairs_alone or best is None or self.record.has_to_stop():
             return
-        self._put_start(place, START)
+        self._put_start(opened, START)
         start = self.record.checked(Iterate(START.name, strategy=START.name, stop_reason=StopReason.ITERATION_LIMIT))
         standing = start.standing(self.settings.tolerances, self.record.check.sign)
         if standing.feasible and standing.exact and self.record.is_better(start, best):
             start = replace(self.record.add(start), values=self.values.read())
-            polish = self._polish(place)
-            self.keep(start if polish is None else polish.improve(start, place.session))
+            polish = self._polish(opened)
+            self.keep(start if polish is None else polish.improve(start, opened.session))
 
     def explore(self) -> None:
         """Look for better optima beyond the best point, if that is certified and there is time for it."""
-        best, place = self.record.best, self.places.place
-        if place is None or best is None or not (place.relaxed.has_pairs_alone and self.record.left_to_explore()[1]):
+        best, opened = self.record.best, self.sessions.current
+        if opened is None or best is None or not (opened.relaxed.has_pairs_alone and self.record.left_to_explore()[1]):
             return
-        with self.nothing_lost("exploration"):
-            polish = self._polish(place)
+        with self.keep_best_when_stopped("exploration"):
+            polish = self._polish(opened)
             if polish is not None:
                 self.values.write(best.values)
-                place.relaxed.start_lifted()
+                opened.relaxed.start_lifted()
                 explored = polish.explore(best)
                 if explored is not best:
                     self.keep(explored)
 
     @contextlib.contextmanager
-    def nothing_lost(self, doing: str) -> Iterator[None]:
+    def keep_best_when_stopped(self, doing: str) -> Iterator[None]:
         """Once there is a point, what looks for a better one or for more of it may be interrupted, or fail."""
         try:
             yield
@@ -275,97 +275,97 @@ class Runner:
         # There may be none, or the model is part of another one.
         if is_copied and (self.model.model() is not self.model or not any(absolute_values_in(self.model))):
             return None
-        place = self.places.move_to(strategy)
-        self.record.check_pairs(place.relaxed.pairs)
+        opened = self.sessions.move_to(strategy)
+        self.record.check_pairs(opened.relaxed.pairs)
         if is_copied:
             return self._with_absolute_values_split(strategy)
-        if self.has_pairs and not place.relaxed.pairs:
+        if self.has_pairs and not opened.relaxed.pairs:
             self.has_pairs, strategy = False, SOLVE
-        if self.has_pairs and isinstance(strategy.schedule, BarrierSchedule) and not place.relaxed.shifted_rows:
+        if self.has_pairs and isinstance(strategy.schedule, BarrierSchedule) and not opened.relaxed.shifted_rows:
             return None
-        if not self._put_start(place, strategy):
+        if not self._put_start(opened, strategy):
             return None
-        iterate = self._run_polished(place, strategy)
-        return iterate if iterate is None or self.has_pairs else self._beyond_saddles(place, iterate)
+        iterate = self._run_polished(opened, strategy)
+        return iterate if iterate is None or self.has_pairs else self._beyond_saddles(opened, iterate)
 
-    def _put_start(self, place: Workplace, strategy: Strategy) -> bool:
+    def _put_start(self, opened: SolverSession, strategy: Strategy) -> bool:
         """Put the start of a strategy on the model; False where there is none."""
         start, best = strategy.start, self.record.best
         if start is StartingPoint.REACHED:
             return True
-        place.values.write(place.start)
+        opened.values.write(opened.start)
         if start in FROM_THE_BEST:
             if best is None or best.values is None:
                 return False
             self.values.write(best.values)
         # Before anything was tried, it is a better start only where equations depend on each other at the guess.
         is_early = start is StartingPoint.SIMULATED and best is None and self.settings.strategies is None
-        if is_early and not place.session.missing_rank():
+        if is_early and not opened.session.missing_rank():
             return False
         is_put = self.put_other_optimum() if start is StartingPoint.OTHER_OPTIMUM else put_start(self.model, strategy)
         if start is not StartingPoint.INITIAL_GUESS:
-            place.relaxed.start_lifted()
+            opened.relaxed.start_lifted()
         return is_put
 
-    def _run_polished(self, place: Workplace, strategy: Strategy) -> Iterate | None:
+    def _run_polished(self, opened: SolverSession, strategy: Strategy) -> Iterate | None:
         """Run the strategy's schedule from the point on the model, and polish the best point of it."""
-        session = place.session.with_elastic_rows(PENALTY) if strategy.elastic_rows else place.session
+        session = opened.session.with_elastic_rows(PENALTY) if strategy.elastic_rows else opened.session
         if session is None:
             return None
-        continuation = Continuation(self, place, session, strategy)
+        continuation = Continuation(self, opened, session, strategy)
         relaxed = continuation.run(strategy.schedule if self.has_pairs else None, strategy.name)
-        place.values.write(relaxed.values)
+        opened.values.write(relaxed.values)
         iterate = replace(relaxed, strategy=strategy.name, values=self.values.read())
         if strategy.elastic_rows and iterate.converged and not iterate.excess(self.settings.tolerances) <= 1.0:
             return replace(iterate, stop_reason=StopReason.INFEASIBLE)
         if continuation.last.stop_reason.is_final:
             self.record.cut = continuation.last.stop_reason
-        if iterate.diverged or self.record.cut is not None or self.record.leads_no_further(continuation.last):
+        if iterate.diverged or self.record.cut is not None or self.record.has_no_better_limit(continuation.last):
             return iterate
-        polish = self._polish(place)
+        polish = self._polish(opened)
         if polish is None:
             return iterate
-        improved = polish.improve(iterate, place.session)
+        improved = polish.improve(iterate, opened.session)
         if polish.has_diverged and not self.record.is_certified(improved):
             return replace(improved, stop_reason=StopReason.DIVERGED)  # it was on the same way
         return improved
 
-    def _polish(self, place: Workplace) -> Polish | None:
-        """What polishes and certifies at a workplace; None where it is not wanted or cannot be done."""
-        if not self.settings.polish or not place.relaxed.lifted or find_ipopt_library() is None:
+    def _polish(self, opened: SolverSession) -> Polish | None:
+        """The polish of an open solver session; None where it is not wanted or cannot be done."""
+        if not self.settings.polish or not opened.relaxed.lifted or find_ipopt_library() is None:
             return None
-        if place.relaxed.has_penalty:
+        if opened.relaxed.has_penalty:
             with without_penalty(self.model):
-                compiled = place.session.compiled(anew=True)
+                compiled = opened.session.compiled(anew=True)
         else:
-            compiled = place.session.compiled()
+            compiled = opened.session.compiled()
         if compiled is None:
             return None
-        settings = replace(self.settings, options=place.options(self.settings))
-        return Polish(settings, place.relaxed, compiled, self.record, self.values)
+        settings = replace(self.settings, options=opened.options(self.settings))
+        return Polish(settings, opened.relaxed, compiled, self.record, self.values)
 
-    def _beyond_saddles(self, place: Workplace, iterate: Iterate) -> Iterate:
+    def _beyond_saddles(self, opened: SolverSession, iterate: Iterate) -> Iterate:
         """The point on the model, or a better one that runs lead to from it where it is stationary and no minimum."""
-        while starts := self._starts_beyond(place, iterate):
+        while starts := self._starts_beyond(opened, iterate):
             saddle = iterate = replace(iterate, certificate=Certificate.DESCENT)
             if not self.record.is_better(saddle, self.record.best):
                 break
             self.keep(saddle)
             for start in starts:
-                place.values.write(start)
-                lower = self._run_polished(place, BEYOND_SADDLE) or saddle
+                opened.values.write(start)
+                lower = self._run_polished(opened, BEYOND_SADDLE) or saddle
                 is_lower = self.record.is_better(replace(lower, certificate=Certificate.DESCENT), saddle)
                 if is_lower or lower.stop_reason.is_final:
                     iterate = lower
                     break
         return iterate
 
-    def _starts_beyond(self, place: Workplace, iterate: Iterate) -> list[Values]:
+    def _starts_beyond(self, opened: SolverSession, iterate: Iterate) -> list[Values]:
         """Starts on both sides of the point on the model, if it is the best, stationary and no minimum."""
-        compiled, is_best = place.session.compiled(), self.record.is_better(iterate, self.record.best)
+        compiled, is_best = opened.session.compiled(), self.record.is_better(iterate, self.record.best)
         if compiled is None or not (is_best and self.record.is_certified(iterate)):
             return []
-        nlp, point, scaling = compiled.nlp, place.session.primal_dual(iterate, compiled), place.session.scaling
+        nlp, point, scaling = compiled.nlp, opened.session.primal_dual(iterate, compiled), opened.session.scaling
         scales = Scales(np.ones(nlp.n), np.ones(nlp.m), 1.0) if scaling is None else scaling.scales
         try:
             direction = direction_of_descent(ScaledProgram(nlp, scales), scales.scaled(point))
@@ -377,7 +377,7 @@ class Runner:
         starts = []
         for x in (point.x + step, point.x - step):
             compiled.load_point(np.clip(x, nlp.x_lower, nlp.x_upper))
-            starts.append(place.values.read())
+            starts.append(opened.values.read())
         return starts
 
     def put_other_optimum(self) -> bool:
@@ -406,7 +406,7 @@ class Runner:
 
     def _with_absolute_values_split(self, strategy: Strategy) -> Iterate | None:
         """Solve a copy with its absolute values in two parts; its answer is one of the model, and is checked there."""
-        self.places.close()  # what is copied is the model as it was stated
+        self.sessions.close()  # the copy is made of the model as it was stated
         self.values.write(self.guess.start)
         split = TransformationFactory("pyrobocop.absolute_values_to_complementarity")
         copy = split.create_using(self.model)
@@ -425,7 +425,7 @@ class Runner:
         )
 
     def _solution_of(self, copy: Any, strategy: Strategy) -> SolveResult | None:
-        """Solve a copy, and log its runs as those of a strategy; None where it cannot be solved at all."""
+        """Solve a copy, and log its runs as runs of a strategy; None where it cannot be solved at all."""
         options = self.settings.options.with_default({"max_iter": ITERATIONS_OF_ONE})
         settings = replace(self.settings, options=options, strategies=None, progress=Progress(False))
         try:

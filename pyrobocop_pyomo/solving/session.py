@@ -150,8 +150,8 @@ class Session(ABC):
         slope = objective_slope(self._compiled) if self._relaxed.pairs and self._compiled is not None else 1.0
         return {} if slope == 1.0 else {"obj_scaling_factor": 1.0 / slope}
 
-    def _judged(self, iterate: Iterate) -> Iterate:
-        """An iterate, whose point is on the model, with what it leaves of the first-order conditions.
+    def _with_stationarity(self, iterate: Iterate) -> Iterate:
+        """An iterate, whose point is on the model, with its residual of the first-order conditions.
 
         That is infinite where derivatives have no value, and not known where nothing takes any.
         """

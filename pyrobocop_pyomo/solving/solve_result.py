@@ -182,7 +182,7 @@ class SolveResult(Presented):
 
     @property
     def stationarity(self) -> float | None:
-        """What is left of the first-order conditions, relative to what has to balance; None without multipliers."""
+        """Residual of the first-order conditions, relative to the terms that balance; None without multipliers."""
         return self.best.stationarity
 
     @property
@@ -252,7 +252,7 @@ class SolveResult(Presented):
 
     @property
     def biactive(self) -> list[PairReport]:
-        """The pairs of which both sides are zero."""
+        """The pairs whose sides are both zero."""
         return [pair for pair in self.pairs if pair.active is ActiveSide.BIACTIVE]
 
     def table(self) -> str:

@@ -203,7 +203,7 @@ def elements_of_copy(model: Any, least: int) -> dict[Any, int]:
 
 
 def take_values_of_copy(model: Any, copy: Any) -> None:
-    """Values of a copy: those of phases with another mesh by their trajectories, all others one by one."""
+    """Values of a copy: phases with another mesh by their trajectories, all others one by one."""
     for component in model.component_objects(Var, active=True):
         twins = copy.find_component(component)
         for index in component if twins is not None else ():

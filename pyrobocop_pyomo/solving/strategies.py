@@ -68,7 +68,7 @@ class Strategy:
     name : str
         As it appears in reports, and the word that chooses it.
     schedule : Schedule or None
-        How delta shrinks; None for that of the name.
+        How delta shrinks; None for the schedule of the name.
     relaxation, grouping : str or object, optional
         As for ``pyrobocop.relax_complementarity``; by default "scholtes" and "pair".
     polish : bool
@@ -258,7 +258,7 @@ def settings_of(choices: Choices) -> dict[str, Any]:
         name: next((getattr(strategy, name) for strategy in chosen if getattr(strategy, name) is not None), default)
         for name, default in (("grouping", "pair"), ("exploration", None))
     }
-    # That of one of several is for its own runs only.
+    # The relaxation of one of several is for its own runs only.
     relaxation = chosen[0].relaxation if len(chosen) == 1 else None
     stated["relaxation"] = "scholtes" if relaxation is None else relaxation
     strategies = None if are_open(chosen[0]) else tuple(chosen)

@@ -96,7 +96,7 @@ def _wanted(number: float, lower: float | None, upper: float | None) -> str:
     return f"not >= {lower:.6g}" if lower is not None and number < lower else f"not <= {upper:.6g}"
 
 
-def growing_variables(values: VariableValues, least: float = GROWN) -> str:
+def diverging_variables(values: VariableValues, least: float = GROWN) -> str:
     """The components that have grown most beyond start and bounds, in words; empty where none by this factor.
 
     Parameters

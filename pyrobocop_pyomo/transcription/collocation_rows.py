@@ -78,18 +78,18 @@ def collocation_sums(
         Of the elements, as far as they are numbers.
     """
     places = [grid.row_places[time] for time in times]
-    found = []
+    sums = []
     for row, coefficients in enumerate(grid.scheme.D.tolist()):
         rows = [i for i, (_, of_row) in enumerate(places) if of_row == row]
         nodes = [grid.node_times[places[i][0]] for i in rows]
         variables = [[state[of_element[k]] for of_element in nodes] for k in range(len(coefficients))]
-        found.append(RepeatedSum(rows, [1.0] * len(rows), variables, partial(_weighted, coefficients, variables)))
+        sums.append(RepeatedSum(rows, [1.0] * len(rows), variables, partial(_weighted, coefficients, variables)))
     mixture = [[(k, weight) for k, weight in enumerate(row) if weight] for row in grid.scheme.F.tolist()]
     parts = [(i, element, k, weight) for i, (element, row) in enumerate(places) for k, weight in mixture[row]]
     stages = [grid.stage_times[element][k] for _, element, k, _ in parts]
     scales = [-widths[element] * weight for _, element, _, weight in parts]
-    found.append(RepeatedSum([i for i, *_ in parts], scales, *rates(stages, [element for _, element, *_ in parts])))
-    return [repeated for repeated in found if repeated.rows]
+    sums.append(RepeatedSum([i for i, *_ in parts], scales, *rates(stages, [element for _, element, *_ in parts])))
+    return [repeated for repeated in sums if repeated.rows]
 
 
 def _weighted(coefficients: list[float], variables: list[list[Any]], place: int) -> Any:

@@ -80,8 +80,8 @@ def test_a_side_that_bounds_keep_below_the_tolerance_is_small_and_not_zero(power
     m.open = Complementarity(expr=complements(m.free >= 0, m.speed >= 0))
     sizes = SideSizes(rcp.active_pairs(m), np.zeros((2, 2)))
     sticking, sliding = np.array([[limit, 100.0], [0.0, 100.0]]), np.array([[1e-9 * limit, 100.0], [limit, 100.0]])
-    assert sizes.too_small(sticking, 1e-6).tolist() == [True, False]
-    assert not sizes.too_small(sliding, 1e-6).any()
+    assert sizes.are_too_small(sticking, 1e-6).tolist() == [True, False]
+    assert not sizes.are_too_small(sliding, 1e-6).any()
 
 
 def test_without_a_polish_a_loose_point_of_small_sides_is_no_solution():

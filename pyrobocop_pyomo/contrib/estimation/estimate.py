@@ -36,7 +36,7 @@ class EstimationResult(Presented):
     covariance : DataFrame
         Of the estimates; NaN for what a bound holds, infinite where the data do not see the unknowns.
     residuals : DataFrame
-        The data of the problem, with what was predicted, and the residual: measured less predicted.
+        The data of the problem, with predictions and residuals: measured less predicted.
     freedom : int or None
         Degrees of freedom of the estimated variance; None where standard deviations were given.
     sum_of_squares : float
@@ -114,7 +114,7 @@ def estimate(experiments: Any, **options: Any) -> EstimationResult:
     experiments : labelled model, object with ``get_labeled_model()``, or a list of them
         What `pyomo.contrib.parmest` takes: models with the suffixes ``experiment_outputs`` and ``unknown_parameters``,
         and ``measurement_error`` where standard deviations are known; `label_measurements` makes them for a phase.
-        What is unknown under the same name in several experiments is one number.
+        An unknown of the same name in several experiments is one number.
     **options
         Passed to `solve`.
 
@@ -225,7 +225,7 @@ def covariance_of(matrix: Array, variance: float = 1.0) -> Array:
     Parameters
     ----------
     matrix : array, shape (outputs, unknowns)
-        Derivatives S of the outputs, each over its standard deviation, or over what is in proportion to it.
+        Derivatives S of the outputs, each over its standard deviation, or over a number in proportion to it.
     variance : float
         Of the outputs after this division.
 
@@ -239,12 +239,12 @@ def covariance_of(matrix: Array, variance: float = 1.0) -> Array:
     _, values, right = np.linalg.svd(matrix / sizes, full_matrices=len(matrix) < len(sizes))
     rank = int((values > NEGLIGIBLE * values.max(initial=1e-300)).sum())
     root = (right[:rank].T / values[:rank]) / sizes[:, None]
-    found: Array = variance * root @ root.T
+    covariance: Array = variance * root @ root.T
     # An unknown that takes part in a combination that is not seen may be anything.
     unseen = np.flatnonzero(np.abs(right[rank:]).max(axis=0, initial=0.0) > 1e-6)
-    found[unseen, :] = found[:, unseen] = np.nan
-    found[unseen, unseen] = np.inf
-    return found
+    covariance[unseen, :] = covariance[:, unseen] = np.nan
+    covariance[unseen, unseen] = np.inf
+    return covariance
 
 
 def quantile(level: float, freedom: int | None) -> float:

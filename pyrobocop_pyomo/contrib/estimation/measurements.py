@@ -108,20 +108,20 @@ class PhaseOutputs:
                 f"{self._what}: the rule of the output '{name}' cannot be asked at t = {time:g}. It has to be made of "
                 "Pyomo's functions, and not to know the time as a number: pyo.sin(t) for math.sin(t), no 'if' on t."
             )
-        found = formulas.at(lambda slot: self._at_time(slot, time))
-        if not hasattr(found, "is_expression_type"):
+        output = formulas.at(lambda slot: self._at_time(slot, time))
+        if not hasattr(output, "is_expression_type"):
             raise EstimationError(
-                f"{self._what}: the rule of the output '{name}' returned {found!r}; expected an expression in the "
+                f"{self._what}: the rule of the output '{name}' returned {output!r}; expected an expression in the "
                 "variables of the phase."
             )
         model = self._phase.model()
-        strangers = [variable.name for variable in variables_in(found) if variable.model() is not model]
+        strangers = [variable.name for variable in variables_in(output) if variable.model() is not model]
         if strangers:
             raise EstimationError(
                 f"{self._what}: the rule of the output '{name}' reads '{strangers[0]}' of another model. Let it read "
                 "variables through its first argument, since models are copied."
             )
-        return found
+        return output
 
 
 # ----------------------------------------------------------------------------------------------------------- estimation
@@ -145,7 +145,7 @@ def label_measurements(
 
     Makes the suffixes ``experiment_outputs``, ``measurement_error`` and ``unknown_parameters`` on the model, and on the
     phase an expression ``<name>_measured[time]`` per output: the scheme's polynomial at the times of the data,
-    which need not be those of the grid.
+    which need not be times of the grid.
 
     Parameters
     ----------
@@ -177,33 +177,33 @@ def label_measurements(
     EstimationError
         When names, times or values do not fit, a control is free, or an output of the phase is labelled already.
     """
-    what, measurable = f"phase '{phase.name}'", PhaseOutputs(phase, outputs)
+    where, measurable = f"phase '{phase.name}'", PhaseOutputs(phase, outputs)
     for name in phase.record.names(Control):
         if not all(variable.fixed for variable in phase.record.nodes(name).variables(phase)):
             raise EstimationError(
-                f"{what}: nothing says what the control '{name}' was. Give it its values by initialize(), and fix() "
+                f"{where}: nothing says what the control '{name}' was. Give it its values by initialize(), and fix() "
                 "it; or declare it as an Algebraic if equations determine it."
             )
-    frame = _table(data, what)
+    frame = _table(data, where)
     names = measurable.given or list(frame.columns)
     errors = error if isinstance(error, Mapping) else dict.fromkeys(names, error)
     for given in (names, errors):
         if missing := [name for name in given if name not in frame.columns]:
-            raise EstimationError(f"{what}: there are no data of '{missing[0]}', but of {', '.join(frame.columns)}.")
-    deviations = {name: _deviation(errors.get(name), f"{what}: the error of '{name}'") for name in names}
+            raise EstimationError(f"{where}: there are no data of '{missing[0]}', but of {', '.join(frame.columns)}.")
+    deviations = {name: _deviation(errors.get(name), f"{where}: the error of '{name}'") for name in names}
     if unknown is None:
         declared = [each for name in phase.record.names(Parameter) for each in phase.component(name).values()]
         variables = [variable for variable in declared if not variable.fixed]
     else:
-        variables = [variable for each in unknown for variable in _variables_named(model, phase, each, what)]
+        variables = [variable for each in unknown for variable in _variables_named(model, phase, each, where)]
     predicted = {}
     for name in names:
         if phase.component(f"{name}_measured") is not None:
-            raise EstimationError(f"{what}: '{name}' is labelled already; label a model that is freshly built.")
+            raise EstimationError(f"{where}: '{name}' is labelled already; label a model that is freshly built.")
         times = frame[name].dropna().index.tolist()
         if len(set(times)) != len(times):
             raise EstimationError(
-                f"{what}: the data of '{name}' have a time twice; a model has one value at each time. Give repeated "
+                f"{where}: the data of '{name}' have a time twice; a model has one value at each time. Give repeated "
                 "measurements as experiments."
             )
         predicted[name] = Expression(times, initialize={t: measurable.at(name, t) for t in times})
@@ -219,7 +219,7 @@ def label_measurements(
     return model
 
 
-def _table(data: Any, what: str) -> Any:
+def _table(data: Any, label: str) -> Any:
     """The data as a frame with the times as its index."""
     try:
         frame = pandas.DataFrame(data)
@@ -230,12 +230,12 @@ def _table(data: Any, what: str) -> Any:
         frame = frame.astype(float).set_axis(frame.index.astype(float))
     except (AttributeError, TypeError, ValueError) as error:
         raise EstimationError(
-            f"{what}: expected a data frame with the times as its index, or a mapping from 'time' and outputs to "
+            f"{label}: expected a data frame with the times as its index, or a mapping from 'time' and outputs to "
             f"numbers: {error}."
         ) from None
     bad = ~np.isfinite(frame.index) | np.isinf(frame).any(axis=1)
     if bad.any():
-        raise EstimationError(f"{what}: the data are infinite at t = {frame.index[bad][0]:g}; a missing value is NaN.")
+        raise EstimationError(f"{label}: the data are infinite at t = {frame.index[bad][0]:g}; a missing value is NaN.")
     return frame
 
 
@@ -245,12 +245,12 @@ def _deviation(given: Any, label: str) -> float | None:
     return given
 
 
-def _variables_named(model: Any, phase: Any, given: Any, what: str) -> list[Any]:
+def _variables_named(model: Any, phase: Any, given: Any, label: str) -> list[Any]:
     """The variables behind the name of a parameter of a phase, or of a variable of the model."""
     name = getattr(given, "name", given)
     component = phase.component(name)
     component = model.find_component(name) if component is None else component
     if component is None or component.ctype is not Var:
         known = ", ".join(phase.record.names(Parameter))
-        raise EstimationError(f"{what}: there is no variable '{name}' to estimate; its parameters are {known}.")
+        raise EstimationError(f"{label}: there is no variable '{name}' to estimate; its parameters are {known}.")
     return [*component.values()] if component.is_indexed() else [component]

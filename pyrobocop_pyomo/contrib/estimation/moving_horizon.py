@@ -90,7 +90,7 @@ class MovingHorizon:
     """An estimation problem that is solved over and over while measurements arrive.
 
     The phase is the window: its end is the present, and each sample moves it on by one sampling interval. The model is
-    prepared once; each step changes numbers only. What was measured before the window is summed up in a mean and a
+    prepared once; each step changes numbers only. Earlier measurements are summed up in a mean and a
     covariance of states and parameters where the window starts, the arrival cost. When the window moves, both are
     moved by the formulas of the extended Kalman filter, linearised at the last estimate. While the window is not yet
     full, it stands still, and what follows the last sample does not count.
@@ -102,7 +102,7 @@ class MovingHorizon:
     phase : PhaseBlock
         The window: equal elements, and piecewise constant controls with a value for each of them.
     error : mapping of output to float
-        Standard deviations of what is measured: states, algebraics, Expressions over time, or names in `outputs`.
+        Standard deviations of measured quantities: states, algebraics, Expressions over time, or names in `outputs`.
     prior : mapping of name to float
         Standard deviations of all states at the first sample, and of all free parameters. Their means are the values
         on the model.
@@ -172,7 +172,7 @@ class MovingHorizon:
         added.output = Var(range(len(predicted)), initialize=lambda b, i: value(predicted[i], exception=False))
         added.row = Constraint(range(len(predicted)), rule=lambda b, i: b.output[i] == predicted[i])
 
-        self._place: dict[int, int] = {}  # of each variable among those of the cost
+        self._place: dict[int, int] = {}  # of each variable among the variables of the cost
         variables, times = list[Any](), list[float]()
         for variable, moment in self._timed(estimated, added.output):
             if not variable.fixed and id(variable) not in self._place:
@@ -206,9 +206,9 @@ class MovingHorizon:
         Parameters
         ----------
         measured : mapping of output to float
-            What is left out, None or NaN is missing.
+            A measurement that is left out, None or NaN is missing.
         inputs : mapping of control name to float
-            What was applied since the sample before; not to be given with the first sample.
+            The inputs since the sample before; not to be given with the first sample.
         mu : float
             Ipopt's first barrier parameter, from the second step on.
         time_limit : float, optional
@@ -238,16 +238,16 @@ class MovingHorizon:
             program.compiled.load_point(start)
         self._hold_ahead()
         places = self._places_at(self._newest)
-        found = dict(zip(self._names, [cost.variables[place].value for place in places], strict=True))
-        states = {name: found.pop(name) for name in self._states}
+        estimates = dict(zip(self._names, [cost.variables[place].value for place in places], strict=True))
+        states = {name: estimates.pop(name) for name in self._states}
         made = self._linearised(self._newest, places)
         seconds = time.perf_counter() - started
-        return HorizonEstimate(states, found, outcome.status, outcome.iterations, seconds, lambda: made()[1])
+        return HorizonEstimate(states, estimates, outcome.status, outcome.iterations, seconds, lambda: made()[1])
 
     def add(
         self, measured: Mapping[str, float | None] | None = None, inputs: Mapping[str, float] | None = None
     ) -> None:
-        """Take in the next sample without an estimate, where several arrive at once; arguments are those of `step`."""
+        """Take in the next sample without an estimate, where several arrive at once; arguments as for `step`."""
         known = {} if measured is None else {name: number for name, number in measured.items() if number is not None}
         sample = self._numbers("measured", known, self._measures)
         needed = self._inputs if self._newest >= 0 else []
@@ -309,7 +309,7 @@ class MovingHorizon:
         return np.array([column_of[id(variable)] for variable in self._cost.variables], dtype=np.intp)
 
     def _rows_ahead(self) -> NDArray[np.bool_]:
-        """Which rows of the program read what is later than the last sample."""
+        """Which rows of the program read variables later than the last sample."""
         program = self._program.compiled.nlp
         ahead, rows = np.zeros(program.n, dtype=bool), np.zeros(program.m, dtype=bool)
         ahead[self._columns()[self._are_ahead()]] = True
@@ -328,7 +328,7 @@ class MovingHorizon:
         return partial(_gaussian, self._what, self._squares(last), self._columns(), jacobian, right_side, places)
 
     def _timed(self, estimated: Sequence[Any], outputs: Any) -> Iterator[tuple[Any, float]]:
-        """Variables with their times, those of the arrival cost first."""
+        """Variables with their times, first the variables of the arrival cost."""
         yield from ((variable, -np.inf) for variable in estimated)
         for name, nodes in self._values.nodes.items():
             yield from zip(self._values.variables[name], nodes.times, strict=True)
@@ -371,27 +371,27 @@ class MovingHorizon:
                 "number of samples in the window."
             )
 
-    def _numbers(self, what: str, given: Mapping[str, float], names: Sequence[str]) -> Array:
+    def _numbers(self, label: str, given: Mapping[str, float], names: Sequence[str]) -> Array:
         """Numbers by name as an array, NaN where one is missing."""
         for name in given:
             if name not in names:
                 raise EstimationError(
-                    f"{self._what}: {what} has '{name}'; expected are {', '.join(names) or 'no names'}."
+                    f"{self._what}: {label} has '{name}'; expected are {', '.join(names) or 'no names'}."
                 )
         try:
             return np.array([float(given.get(name, np.nan)) for name in names])
         except (TypeError, ValueError):
-            raise EstimationError(f"{self._what}: {what} is {given!r}; expected a number for each name.") from None
+            raise EstimationError(f"{self._what}: {label} is {given!r}; expected a number for each name.") from None
 
     def _deviations(
-        self, what: str, given: Mapping[str, float], names: Sequence[str], *, all_of_them: bool = False
+        self, label: str, given: Mapping[str, float], names: Sequence[str], *, all_of_them: bool = False
     ) -> Array:
-        numbers = self._numbers(what, given, names)
+        numbers = self._numbers(label, given, names)
         wanted = [names.index(name) for name in (names if all_of_them else given)]
         for place in wanted:
             if not 0.0 < numbers[place] < np.inf:
                 raise EstimationError(
-                    f"{self._what}: {what} of '{names[place]}' is {given.get(names[place])}; expected a standard "
+                    f"{self._what}: {label} of '{names[place]}' is {given.get(names[place])}; expected a standard "
                     "deviation, a positive number."
                 )
         return numbers[wanted]
@@ -419,7 +419,7 @@ def _gaussian(
         Of the equations.
     right_side : array
     places : int array
-        Of the variables among those of the cost.
+        Of the variables among the variables of the cost.
 
     Raises
     ------

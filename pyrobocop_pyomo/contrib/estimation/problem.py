@@ -1,6 +1,6 @@
 """`EstimationProblem`: labelled experiments as one model with a sum of squares, whose data may be exchanged.
 
-`OutputSensitivities`: how measured outputs move with what is estimated, on the branch that the model is on.
+`OutputSensitivities`: how measured outputs move with the unknowns, on the branch that the model is on.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class OutputSensitivities:
         Raises
         ------
         EvaluationError
-            When outputs do not follow from what is estimated there: equations are too few, too many or dependent.
+            When outputs do not follow from the unknowns there: equations are too few, too many or dependent.
         """
         if self._compiled is None:
             self._compiled = CompiledModel(self._scratch, "vectorised")
@@ -120,7 +120,7 @@ def _moved(others: Any, unknowns: Array) -> Array:
             factor = scipy.sparse.linalg.splu(scipy.sparse.csc_array(others))
             solved = factor.solve(unknowns)
             solved += factor.solve(unknowns - others @ solved)  # unstable motions cost digits: one refinement
-    # What is singular but for rounding shows in the size of the solution.
+    # A matrix that is singular but for rounding shows in the size of the solution.
     largest = LARGEST_SOLUTION * max(1.0, float(np.abs(unknowns).max(initial=0.0)))
     if not (np.abs(solved) <= largest).all():
         raise EvaluationError(
@@ -145,12 +145,12 @@ class EstimationProblem:
     Attributes
     ----------
     model : ConcreteModel
-        All experiments, with one objective: a sum of weighted squares. What was measured, and the weights, are mutable
+        All experiments, with one objective: a sum of weighted squares. Measurements and weights are mutable
         Params on it; so it can be given to `sweep`.
     experiments : list of Block
         The copies, which are blocks of the model.
     unknowns : dict of str to list of VarData
-        What is estimated, by the name that the experiments have for it; those of several experiments are held equal.
+        What is estimated, by its name in the experiments; variables of several experiments are held equal.
     data : DataFrame
         A row for each measurement: experiment, output, time (NaN where it has none), measured (NaN where it is
         missing), and deviation, its standard deviation (NaN where it is not known).
@@ -200,7 +200,7 @@ class EstimationProblem:
         return m
 
     def put(self, measured: Any, error: Any = None) -> None:
-        """Exchange what was measured; times stay as they are.
+        """Exchange the measurements; times stay as they are.
 
         Parameters
         ----------
@@ -272,14 +272,14 @@ def _labelled_copy(given: Any) -> Any:
 
 def _unknowns_of(model: Any) -> list[Any]:
     """The variables that are labelled as unknown, freed."""
-    found: list[Any] = []
+    unknowns: list[Any] = []
     for component in model.unknown_parameters:
-        found += component.values() if component.is_indexed() else [component]
-    for variable in found:
+        unknowns += component.values() if component.is_indexed() else [component]
+    for variable in unknowns:
         if variable.value is None:
             raise EstimationError(f"'{variable.name}': has no value to start from. Give it an initial guess.")
         variable.unfix()
-    return found
+    return unknowns
 
 
 def _rows(model: Any, number: int) -> list[tuple[Any, ...]]:

@@ -14,7 +14,7 @@ import numpy as np
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.ipopt.ipopt_run import readings
+from pyrobocop_pyomo.ipopt.ipopt_run import possible_values
 from pyrobocop_pyomo.ipopt.linear_solvers import with_linear_solver
 from pyrobocop_pyomo.linear_solver.factorisation import LINEAR_SOLVER_NAME
 from pyrobocop_pyomo.native.shared_library import library_sources
@@ -36,7 +36,7 @@ def export_controller(horizon: RecedingHorizon, folder: str | Path, advance: flo
     """Write a receding horizon as C source, for a robot that has Ipopt but no Python.
 
     ``controller_step(state, control)`` does what `RecedingHorizon.step` does with this `advance` and this `mu`. Its
-    first plan is that of the next `step`: warm where a plan has been made, else from the values on the model. Fixed
+    first plan is the plan of the next `step`: warm where a plan has been made, else from the values on the model. Fixed
     values, Params and bounds stay as they are now. Safety is not verified, and where the linear solver of this package
     fails, no other has a try.
 
@@ -63,11 +63,11 @@ def export_controller(horizon: RecedingHorizon, folder: str | Path, advance: flo
         When an option of Ipopt is neither text nor a number.
     """
     phase, program = horizon.phase, horizon.program
-    what, record = f"phase '{phase.name}'", phase.record
+    label, record = f"phase '{phase.name}'", phase.record
     if horizon.exact is not None or record.kept_derivatives:
-        raise ModelError(f"{what}: a controller with exact_pairs=True or kept derivatives cannot be exported.")
+        raise ModelError(f"{label}: a controller with exact_pairs=True or kept derivatives cannot be exported.")
     if not 0 < advance <= phase.duration:
-        raise ModelError(f"{what}: advance = {advance!r}; expected a time from 0 to {phase.duration:g}.")
+        raise ModelError(f"{label}: advance = {advance!r}; expected a time from 0 to {phase.duration:g}.")
     program.update()
     of_phase, nlp = PhaseValues(phase), program.compiled.nlp
     place, moves = PlaceInProgram(of_phase, program.compiled.variables), ShiftedPlan(phase, of_phase).moves(advance)
@@ -142,7 +142,7 @@ def _options(options: Mapping[str, Any], own_solver: bool) -> Iterator[str]:
         if own_solver and name == "hsllib":
             yield f'{{"{name}", THIS_LIBRARY, 0, 0}}'
             continue
-        literal = readings(name, setting)[0]
+        literal = possible_values(name, setting)[0]
         if isinstance(literal, str):
             yield f'{{"{name}", TEXT, {json.dumps(literal)}, 0}}'
         else:

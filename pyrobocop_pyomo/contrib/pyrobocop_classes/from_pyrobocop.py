@@ -153,7 +153,7 @@ class Corners:
 
 
 def _with_perpendicular(edges: Any) -> Any:
-    """One edge in the plane or two in space, as columns, and what is perpendicular to them."""
+    """One edge in the plane or two in space, as columns, and the directions perpendicular to them."""
     last = np.array([-edges[1, 0], edges[0, 0]]) if len(edges) == 2 else np.cross(edges[:, 0], edges[:, 1])
     return np.column_stack([edges, last])
 
@@ -250,7 +250,7 @@ def _declare(b: Any, methods: ProblemClass, bounds: dict[str, Array]) -> None:
 
 
 def _bounds_of_state(times: Array, table: Array, side: Any, time: float) -> tuple[float, float]:
-    """Bounds of a state, of which the first value has its own; at the end those of the last index hold as well."""
+    """Bounds of a state, of which the first value has its own; at the end the bounds of the last index hold as well."""
     if time <= times[0]:
         return -np.inf, np.inf
     lower, upper = _bounds_in_element(times, table, side, time)

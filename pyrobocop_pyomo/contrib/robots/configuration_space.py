@@ -241,21 +241,21 @@ class ConfigurationSpace:
     def _rows_at_the_ends(self) -> dict[float, EndRows | None]:
         """Rows of the model that read nothing but the configuration at one end."""
         known = {id(variable): t for t in self._times for variable in self._variables[t]}
-        found: dict[float, list[Any]] = {t: [] for t in self._times}
+        rows_by_time: dict[float, list[Any]] = {t: [] for t in self._times}
         separate = {id(block) for block in self.blocks}
         for row in self.phase.model().component_data_objects(Constraint, active=True, descend_into=True):
             if id(row.parent_block()) in separate:
                 continue
             times = {known.get(id(variable)) for variable in variables_in(row.body, include_fixed=False)}
             if len(times) == 1 and (t := times.pop()) is not None:
-                found[t].append(row)
+                rows_by_time[t].append(row)
         return {
             t: None if not rows else EndRows(
                 _columns_of([row.body for row in rows], self._variables[t]),
                 np.array([-np.inf if row.lower is None else value(row.lower) for row in rows], dtype=float),
                 np.array([np.inf if row.upper is None else value(row.upper) for row in rows], dtype=float),
             )
-            for t, rows in found.items()
+            for t, rows in rows_by_time.items()
         }  # fmt: skip
 
     # ---------------------------------------------------------------- distances
@@ -267,12 +267,12 @@ class ConfigurationSpace:
     def _moved(self, points: Array, corners: Array) -> Array:
         d = corners.shape[2]
         poses = self._line(points).reshape(len(points), -1, d * (d + 1))
-        found = np.broadcast_to(corners, (len(points), *corners.shape)).copy()
+        moved = np.broadcast_to(corners, (len(points), *corners.shape)).copy()
         moves = self._body_of >= 0
         own = poses[:, self._body_of[moves]]
         turns, places = own[:, :, : d * d].reshape(*own.shape[:2], d, d), own[:, :, d * d :]
-        found[:, moves] = np.einsum("kpij,pvj->kpvi", turns, corners[moves]) + places[:, :, None]
-        return found
+        moved[:, moves] = np.einsum("kpij,pvj->kpvi", turns, corners[moves]) + places[:, :, None]
+        return moved
 
     def _apart(self, points: Array, least: Array, beyond: Array) -> Array:
         """Distances (k, pairs) of the shapes of all pairs without radii.
@@ -283,7 +283,7 @@ class ConfigurationSpace:
         first, second = self._pairs.T
         balls = self._moved(points, self._balls[:, None])[:, :, 0]
         apart = np.linalg.norm(balls[:, first] - balls[:, second], axis=2) - self._outer[first] - self._outer[second]
-        found = np.broadcast_to(beyond, apart.shape).copy()
+        distances = np.broadcast_to(beyond, apart.shape).copy()
         point, pair = np.nonzero(apart < beyond)
         if len(point):
             corners = self.placed(points)
@@ -293,8 +293,8 @@ class ConfigurationSpace:
             scale = np.maximum(np.abs(p).max(axis=(1, 2)), np.abs(q).max(axis=(1, 2)))
             nearest = nearest_differences(p, q, scale, np.maximum(least[pair], TOUCHING * scale), beyond[pair])
             between = np.linalg.norm(nearest, axis=1)
-            found[point, pair] = np.where(np.isnan(between), -np.inf, between)
-        return found
+            distances[point, pair] = np.where(np.isnan(between), -np.inf, between)
+        return distances
 
     def are_clear(self, points: Array) -> BoolArray:
         """Which configurations (k, n) keep everything apart as asked, (k,)."""
@@ -302,7 +302,7 @@ class ConfigurationSpace:
             return np.zeros(0, dtype=bool)
         return np.asarray((self._apart(points, self._asked, self._asked) >= self._asked).all(axis=1))
 
-    def ask_for(self, clearances: float, ends: Array) -> None:
+    def require_clearances(self, clearances: float, ends: Array) -> None:
         """How many clearances to keep; a pair that has less room at one of the ends (k, n) keeps what it has there."""
         radii = self._radii[self._pairs].sum(axis=1)
         wanted = radii + clearances * (self._clearances - radii)
@@ -311,11 +311,11 @@ class ConfigurationSpace:
 
     # ---------------------------------------------------------------- ends
 
-    def guess_leads_there(self) -> bool:
+    def guess_reaches_goals_clear(self) -> bool:
         """Whether the initial guess is clear at all points, and rows at its ends hold."""
-        return self.guess_ends_there() and bool(self._are_clear_as_asked(self.guess()).all())
+        return self.guess_reaches_goals() and bool(self._keep_required_clearances(self.guess()).all())
 
-    def guess_ends_there(self) -> bool:
+    def guess_reaches_goals(self) -> bool:
         """Whether the rows at both ends hold at the initial guess."""
         guess = self.guess()
         ends = zip((0, -1), self._rows.values(), strict=True)
@@ -338,25 +338,25 @@ class ConfigurationSpace:
         free = np.array([not variable.fixed for variable in variables])
         low = np.array([self.low[k] if v.fixed or v.lb is None else v.lb for k, v in enumerate(variables)])
         high = np.array([self.high[k] if v.fixed or v.ub is None else v.ub for k, v in enumerate(variables)])
-        found = guess[None]
+        configurations = guess[None]
         if free.any():
             some = np.tile(guess, (CANDIDATES, 1))
             some[1:, free] = generator.uniform(low[free], high[free], (CANDIDATES - 1, int(free.sum())))
-            found = some if rows is None else self._solved(rows, some, free, low, high)
-            if rows is None and (self._are_clear_as_asked(guess[None])).all():
-                found = guess[None]
-        clear = found[self._are_clear_as_asked(found)]
+            configurations = some if rows is None else self._solved(rows, some, free, low, high)
+            if rows is None and (self._keep_required_clearances(guess[None])).all():
+                configurations = guess[None]
+        clear = configurations[self._keep_required_clearances(configurations)]
         if not len(clear):
             end = "end" if is_last else "start"
             raise InitialGuessError(
                 f"{self.label}: no clear configuration for its {end} was found, of {', '.join(self.names)}: "
-                f"{self._what_is_close(found)}. Check that one exists which keeps every clearance, or give the {end} "
-                "as values of these states."
+                f"{self._what_is_close(configurations)}. Check that one exists which keeps every clearance, or give "
+                f"the {end} as values of these states."
             )
-        found = clear
-        order = np.argsort(np.linalg.norm((found - near) * self.lengths, axis=1), kind="stable")
-        kept = found[order[:1]]
-        for each in found[order]:
+        configurations = clear
+        order = np.argsort(np.linalg.norm((configurations - near) * self.lengths, axis=1), kind="stable")
+        kept = configurations[order[:1]]
+        for each in configurations[order]:
             # Most random configurations lead to the same few solutions.
             if np.linalg.norm((kept - each) * self.lengths, axis=1).min() > self.spacing and len(kept) < MOST_ENDS:
                 kept = np.vstack([kept, each])
@@ -371,21 +371,21 @@ class ConfigurationSpace:
         pairs = [" and ".join(f"'{self._parts[k][1].body}'" for k in pair) for pair in self._pairs[fewest]]
         return f"at best, {', '.join(dict.fromkeys(pairs))} are too close there"
 
-    def _are_clear_as_asked(self, points: Array) -> BoolArray:
+    def _keep_required_clearances(self, points: Array) -> BoolArray:
         self._asked = self._clearances - MET * self._extent
         return self.are_clear(points)
 
     def _solved(self, rows: EndRows, points: Array, free: BoolArray, low: Array, high: Array) -> Array:
         def whole(unknown: Array) -> Array:
-            found = points.copy()
-            found[:, free] = unknown
-            return found
+            solutions = points.copy()
+            solutions[:, free] = unknown
+            return solutions
 
         def residual(unknown: Array) -> Array:
             return rows.violations(whole(unknown))
 
-        found = whole(damped_least_squares(residual, points[:, free], low[free], high[free]))
-        return found[rows.hold(found)]
+        solutions = whole(damped_least_squares(residual, points[:, free], low[free], high[free]))
+        return solutions[rows.hold(solutions)]
 
 
 def names_read(expressions: Sequence[Any], variables: Mapping[str, Any]) -> list[str]:
@@ -406,6 +406,6 @@ def _columns_of(expressions: Sequence[Any], variables: Sequence[Any]) -> Callabl
 
 
 def columns_of(steps: ExpressionSteps, leaves: Mapping[int, Array], count: int) -> Array:
-    """Values of expressions, ``(count, expressions)``, from those of their variables, ``(count,)``, by identity."""
+    """Values of expressions, ``(count, expressions)``, from values of their variables, ``(count,)``, by identity."""
     values = steps.evaluate_at(leaves, ARRAY_FUNCTIONS)
     return np.array([np.broadcast_to(each, count) for each in values], dtype=float).reshape(-1, count).T

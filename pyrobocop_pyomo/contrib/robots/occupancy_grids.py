@@ -158,7 +158,7 @@ def _joined_boxes(
     """Hulls with their excess: of two, while it enters no free cell that is too far from the occupied ones.
 
     The point with a given place in its cell is as far from the point with the same place in the nearest occupied cell
-    as the centres of both cells are: distances of centres bound those of all points.
+    as the centres of both cells are: distances of centres bound the distances of all points.
     """
 
     def join(one: tuple[np.ndarray, float], other: tuple[np.ndarray, float]) -> tuple[np.ndarray, float] | None:

@@ -213,7 +213,7 @@ def sampled_path(
     generator = np.random.default_rng(seed)
     starts = space.ends(False, space.guess()[-1], generator)
     goals = space.ends(True, starts[0], generator)
-    space.ask_for(clearances, np.vstack([starts, goals]))
+    space.require_clearances(clearances, np.vstack([starts, goals]))
     lengths = space.lengths
 
     def are_clear(points: Array) -> Any:
@@ -234,10 +234,10 @@ def sampled_path(
     passed = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     even = np.linspace(0.0, passed[-1], FINE + 1)
     columns = [np.interp(even, passed, column) for column in (path / lengths).T]
-    return courses(phase, dict(zip(space.names, columns, strict=True)))
+    return functions_of_time_index(phase, dict(zip(space.names, columns, strict=True)))
 
 
-def courses(phase: Any, columns: Mapping[str, Array]) -> dict[str, Callable[[float], float]]:
+def functions_of_time_index(phase: Any, columns: Mapping[str, Array]) -> dict[str, Callable[[float], float]]:
     """Columns at equal distances in the time of a phase as functions of its time index, by name."""
     fraction = horizon_fraction(phase)
 

@@ -35,15 +35,15 @@ class ConfigurationStarts:
         blocks = avoidance_blocks(model)
         if all(map(_can_be_rerouted, blocks)):
             return Fit()
-        is_far_off = any(map(overlaps_deeply, blocks)) or not all(space.guess_ends_there() for space in spaces)
+        is_far_off = any(map(overlaps_deeply, blocks)) or not all(space.guess_reaches_goals() for space in spaces)
         return Fit(comes_first=is_far_off)
 
     def propose(self, model: Any, deadline: Deadline) -> Iterator[str]:
         """See `StartProvider`. Where there are no clear configurations at the ends, other paths do not help."""
         for seed, clearances in enumerate(PATH_CLEARANCES):
-            found, why = False, None
+            has_path, why = False, None
             for space in _spaces(model):
-                if space.guess_leads_there():
+                if space.guess_reaches_goals_clear():
                     continue
                 try:
                     guess = sampled_path(space.phase, clearances=clearances, samples=SAMPLES, seed=seed)
@@ -52,10 +52,10 @@ class ConfigurationStarts:
                     why = why or error
                     continue
                 space.phase.initialize(guess)
-                found = True
+                has_path = True
             if why is not None and seed == 0 and not _has_clear_ends(model):
                 raise why
-            if found:
+            if has_path:
                 yield f"along random configurations, {clearances:g} clearances away"
 
 

@@ -118,11 +118,11 @@ class KinematicTree:
 
     def chain(self, link: str) -> list[Joint]:
         """Joints from the root to a link."""
-        found: list[Joint] = []
+        joints: list[Joint] = []
         while link != self.root:
-            found.append(self.joints[link])
-            link = found[-1].parent
-        return found[::-1]
+            joints.append(self.joints[link])
+            link = joints[-1].parent
+        return joints[::-1]
 
     def pose(self, link: str, coordinate_of: Callable[[str], Any], base: Pose) -> Pose:
         """Pose of a link in the world, from the coordinate (number, expression) by the name of a joint."""
@@ -449,9 +449,9 @@ def _file_of(filename: str, link: str, folders: Mapping[str, Path]) -> str:
                 f"link '{link}': the mesh '{filename}' is in the package '{package}'. Say where that is: "
                 f"packages={{'{package}': folder}}."
             )
-        found = folders[package] / path
+        file = folders[package] / path
     else:
-        found = folders[""] / path
-    if not found.is_file():
-        raise ObstacleError(f"link '{link}': there is no file '{found}' for its mesh '{filename}'.")
-    return str(found)
+        file = folders[""] / path
+    if not file.is_file():
+        raise ObstacleError(f"link '{link}': there is no file '{file}' for its mesh '{filename}'.")
+    return str(file)

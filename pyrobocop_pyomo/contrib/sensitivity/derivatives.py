@@ -60,7 +60,7 @@ def derivatives(
     Parameters
     ----------
     nlp : NonlinearProgram
-        Its variables are those of the problem and the parameters; the bounds of the latter do not count.
+        Its variables are the variables of the problem and the parameters, whose bounds do not count.
     x : float array, shape (n,)
         A local solution to a solver's accuracy.
     parameters : int array, shape (k,)
@@ -128,14 +128,14 @@ class _Constraints:
         )
         return scipy.sparse.csr_array(lower + lower.T - scipy.sparse.diags_array(lower.diagonal()))
 
-    def at_lower(self, x: FloatArray) -> BoolArray:
+    def is_at_lower(self, x: FloatArray) -> BoolArray:
         """Where the lower bound is the nearer one."""
         values = self.values(x)
         return values - self.lower <= self.upper - values
 
     def gaps(self, x: FloatArray) -> FloatArray:
         """What the constraints lack to the nearer one of their bounds."""
-        return self.values(x) - np.where(self.at_lower(x), self.lower, self.upper)
+        return self.values(x) - np.where(self.is_at_lower(x), self.lower, self.upper)
 
     def relative_distance(self, x: FloatArray) -> FloatArray:
         """Distance from the nearer bound, relative to its size where that is above one."""
@@ -145,7 +145,7 @@ class _Constraints:
 
     def pushes(self, x: FloatArray, active: NDArray[np.intp], multipliers: FloatArray) -> FloatArray:
         """Multipliers with the sign that is positive where an inequality holds back, relative to the gradient."""
-        return np.where(self.at_lower(x)[active], -multipliers, multipliers) / self.scale(x)
+        return np.where(self.is_at_lower(x)[active], -multipliers, multipliers) / self.scale(x)
 
     def scale(self, x: FloatArray) -> float:
         return max(1.0, float(np.abs(self.nlp.gradient(x)[self.free]).max(initial=0.0)))
@@ -202,7 +202,7 @@ def _check_strict(
 ) -> None:
     """Refuse a point where it is in doubt which inequalities are active, or where active constraints move apart."""
     jacobian = constraints.jacobian(x)
-    # What is met with equality and stays so says nothing new, as a bound of a side that is held at zero.
+    # A row that stays met with equality says nothing new, as a bound of a side that is held at zero.
     leaves = np.zeros(constraints.lower.size, dtype=bool)
     for direction in moved.T:
         leaves |= np.abs(jacobian @ direction) > 1e-6 * np.maximum(1.0, abs(jacobian) @ np.abs(direction))
@@ -238,13 +238,13 @@ def _kkt(
     probe = np.append(np.random.default_rng(0).normal(size=free.size), np.zeros(active.size))
     try:
         solve = _augmented_solver(hessian, jacobian[:, free])
-        found = solve(probe)
+        response = solve(probe)
     except RuntimeError:  # SciPy's way to say: exactly singular
-        found = np.array([np.inf])
-    if not np.abs(found).max() <= 1e12 * np.abs(probe).max():
+        response = np.array([np.inf])
+    if not np.abs(response).max() <= 1e12 * np.abs(probe).max():
         where = ""
-        if found.size > 1 and np.isfinite(found).all():
-            order = np.argsort(-np.abs(found[: free.size]))[:3]
+        if response.size > 1 and np.isfinite(response).all():
+            order = np.argsort(-np.abs(response[: free.size]))[:3]
             where = f", among them along {_names(constraints, constraints.nlp.m + free[order])}"
         raise EvaluationError(
             "the solution is not unique: there is a direction in which the active constraints and the Lagrangian are "

@@ -163,7 +163,7 @@ def sensitivity(model: Any, result: SolveResult, parameters: Any) -> Sensitivity
     place = {id(variable): i for i, variable in enumerate(compiled.variables)}
     columns = np.array([place.get(id(variable), -1) for variable in parametric.parameter_variables], dtype=np.intp)
     in_use = np.flatnonzero(columns >= 0)
-    found = derivatives(
+    slopes = derivatives(
         _with_moving_bounds(compiled, parametric),
         compiled.current_point(),
         columns[in_use],
@@ -177,15 +177,15 @@ def sensitivity(model: Any, result: SolveResult, parameters: Any) -> Sensitivity
     k = len(chosen)
     matrix, objective = np.zeros((len(of_variables), k)), np.zeros(k)
     # Adding zero turns the zero of negative sign into the plain one.
-    matrix[:, in_use] = found.variables[of_variables] + 0.0
-    objective[in_use] = compiled.sign * found.objective + 0.0
-    names = [_name(compiled, parametric, number) for number in found.active.tolist() if number in own]
+    matrix[:, in_use] = slopes.variables[of_variables] + 0.0
+    objective[in_use] = compiled.sign * slopes.objective + 0.0
+    names = [_name(compiled, parametric, number) for number in slopes.active.tolist() if number in own]
     return Sensitivity(
         result,
         chosen,
         [compiled.variables[i] for i in of_variables],
         np.array([value(parameter) for parameter in chosen], dtype=float),
-        found.x[of_variables],
+        slopes.x[of_variables],
         matrix,
         objective,
         names,
@@ -195,13 +195,13 @@ def sensitivity(model: Any, result: SolveResult, parameters: Any) -> Sensitivity
 def _members(model: Any, parameters: Any) -> list[Any]:
     """The single parameters, each once."""
     several = parameters if isinstance(parameters, (list, tuple)) else [parameters]
-    found = {id(member): member for component in several for member in fixed_members(named(component, model))}
-    if not found:
+    members = {id(member): member for component in several for member in fixed_members(named(component, model))}
+    if not members:
         raise ModelError("no parameters were given; name at least one mutable Param or fixed Var.")
-    for member in found.values():
+    for member in members.values():
         if value(member, exception=False) is None:
             raise ModelError(f"'{member.name}': has no value.")
-    return list(found.values())
+    return list(members.values())
 
 
 def _check(model: Any, result: SolveResult) -> None:

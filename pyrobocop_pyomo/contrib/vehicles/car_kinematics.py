@@ -15,7 +15,7 @@ from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 class Trailer:
     """A trailer with one axle, which does not move along itself; on a hitch that is fixed to the car.
 
-    Its angle is its heading less that of the car.
+    Its angle is its heading less the heading of the car.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Trailer:
         return np.asarray(angles + 2.0 * np.arctan2(across, along))
 
     def poses(self, poses: Array) -> Array:
-        """x, y and heading of the trailer, ``(..., 3)``, from those of the car and the angle, ``(..., 4)``."""
+        """x, y and heading of the trailer, ``(..., 3)``, from the pose of the car and the angle, ``(..., 4)``."""
         x, y, heading, angle = np.moveaxis(poses, -1, 0)
         own = heading + angle
         return np.stack([
@@ -66,7 +66,7 @@ class Trailer:
         ], -1)  # fmt: skip
 
     def velocities(self, angles: Array, ahead: Array, turns: Array) -> tuple[Array, Array]:
-        """Velocity along its heading and turn of the trailer, from those of the car."""
+        """Velocity along its heading and turn of the trailer, from velocity and turn of the car."""
         cosine, sine, aside = np.cos(angles), np.sin(angles), self.hitch * turns
         return ahead * cosine + aside * sine, (aside * cosine - ahead * sine) / self.length
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from pyomo.core.base.var import Var
 from pyomo.core.expr.numvalue import value
 
-from pyrobocop_pyomo.contrib.robots.sampled_path import FINE, courses
+from pyrobocop_pyomo.contrib.robots.sampled_path import FINE, functions_of_time_index
 from pyrobocop_pyomo.errors import InitialGuessError
 from pyrobocop_pyomo.modeling.variable_values import within_bounds
 from pyrobocop_pyomo.numerics import Array, Indices
@@ -37,9 +37,9 @@ class CarPath(Presented):
     ----------
     poses : (k, 3) array
         x, y and heading of the middle of the rear axle. Headings are continuous: the last may differ from the goal's
-        by whole turns. With a trailer ``(k, 4)``: its heading less that of the car is the last one.
+        by whole turns. With a trailer ``(k, 4)``: its heading less the car's heading is the last one.
     directions : (k,) array
-        1 forwards, -1 backwards, from each pose on; the last value is that of the last arc.
+        1 forwards, -1 backwards, from each pose on; the last value belongs to the last arc.
     steering : (k,) array
         Steering angle from each pose on, positive to the left.
     trailer : Trailer or None
@@ -122,7 +122,7 @@ class CarPath(Presented):
         Raises
         ------
         InitialGuessError
-            When names do not fit, and when the heading is fixed at the end whole turns away from that of the path.
+            When names do not fit, and when the heading is fixed at the end whole turns away from the path's heading.
         """
         known = _names(phase, names)
         moments, poses, steering, velocities, accelerations, duration = self.over_phase(
@@ -140,10 +140,10 @@ class CarPath(Presented):
             "acceleration": accelerations,
             "steering_rate": np.gradient(steering, moments),
         }
-        return courses(phase, {name: of_path[quantity] for quantity, name in known.items()}) | duration
+        return functions_of_time_index(phase, {name: of_path[quantity] for quantity, name in known.items()}) | duration
 
     def over_phase(self, phase: Any, timing: CarTiming) -> tuple[Array, Array, Array, Array, Array, dict[str, Any]]:
-        """The path over the duration of a phase; a free duration becomes that of the timing, moved into its bounds.
+        """The path over the duration of a phase; a free duration becomes the timing's, moved into its bounds.
 
         Returns
         -------
@@ -266,13 +266,13 @@ class CarTiming(Presented):
 
 def _names(phase: Any, names: Mapping[str, str] | None) -> dict[str, str]:
     if names is None:
-        found = {quantity: quantity for quantity in QUANTITIES if phase.component(quantity) is not None}
-        if not found:
+        quantities = {quantity: quantity for quantity in QUANTITIES if phase.component(quantity) is not None}
+        if not quantities:
             raise InitialGuessError(
                 f"phase '{phase.name}' has none of {', '.join(QUANTITIES)}. Say what it calls them: "
                 "names={'x': 'position_x', ...}."
             )
-        return found
+        return quantities
     for quantity, name in names.items():
         if quantity not in QUANTITIES:
             raise InitialGuessError(

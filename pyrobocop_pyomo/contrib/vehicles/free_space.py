@@ -126,7 +126,7 @@ class FreeSpace:
 
     def _room(self, low: Array, cell: float, counts: Array, most: float) -> Array:
         """What the middles of cells have left of their distance to the nearest obstacle, up to `most`."""
-        found = np.full(counts.tolist(), most)
+        room = np.full(counts.tolist(), most)
         for points, normals, offsets, needed in zip(self.points, self.normals, self.offsets, self.needed, strict=True):
             first = np.clip(np.floor((points.min(axis=0) - needed - most - low) / cell), 0, counts).astype(int)
             last = np.clip(np.ceil((points.max(axis=0) + needed + most - low) / cell), 0, counts).astype(int)
@@ -136,9 +136,9 @@ class FreeSpace:
             # Beside a corner the distance is that to the corner, and more than any gap.
             outside = (gaps > 0.0) & (gaps < needed + most)
             gaps[outside] = _distances_to_ring(places[outside], points)
-            window = found[first[0] : last[0], first[1] : last[1]]
+            window = room[first[0] : last[0], first[1] : last[1]]
             np.minimum(window, gaps - needed, out=window)
-        return found
+        return room
 
     def is_clear(self, motions: Array, curvatures: Array, spacings: Array) -> BoolArray:
         """Whether the body keeps its clearance along whole motions, also between the given poses.
@@ -154,7 +154,7 @@ class FreeSpace:
         if not len(self.needed) or not len(motions):
             return clear
         # No point of the body is farther from where it is at one of the two poses.
-        moved = 0.5 * spacings * (1.0 + curvatures * self.corners_reach)
+        moved = 0.5 * spacings * (1.0 + curvatures * self.corner_radius)
         reach = np.repeat(moved, motions.shape[1])
         away = self._keeps_away(motions.reshape(-1, 3), reach).reshape(motions.shape[:2])
         motion, step = np.nonzero(~(away[:, :-1] & away[:, 1:]))
@@ -192,7 +192,7 @@ class FreeSpace:
         # That distance is at most the distance to the body's origin plus the turning radius.
         ratio = 0.125 * (curvatures * spacings) ** 2
         of_origin = ratio / np.maximum(curvatures, 1e-12)
-        deviation = of_origin + ratio * self.corners_reach
+        deviation = of_origin + ratio * self.corner_radius
         needed, other = self.needed[obstacle] - NEGLIGIBLE, self.points[obstacle]
         start, end = placed(before, self.corners), placed(after, self.corners)
         gaps = np.minimum(self._from_obstacles(start, obstacle), self._from_obstacles(end, obstacle)).max(axis=1)
@@ -208,11 +208,11 @@ class FreeSpace:
         return clear
 
     @property
-    def corners_reach(self) -> float:
+    def corner_radius(self) -> float:
         """Distance of the farthest corner of the body from its origin."""
         return float(np.linalg.norm(self.corners, axis=1).max())
 
-    def gaps_of_two(self, first: Array, second: Array) -> Array:
+    def gaps_between_vehicles(self, first: Array, second: Array) -> Array:
         """Widest gap, ``(p,)``, along normals of two such bodies at poses ``(p, 3)``: at most their distance."""
         ones, others = placed(first, self.corners), placed(second, self.corners)
         gaps = [self._from_body(first, others).max(axis=1), self._from_body(second, ones).max(axis=1)]
@@ -316,7 +316,7 @@ def _corners(shape: Polytope, scene: float) -> Array:
 
 
 def _between_corners(own: Array, other: Array) -> Array:
-    """Unit vectors to the nearest corner of one from that of the other, ``(k, 2)``; zero where they touch."""
+    """Unit vectors between the nearest corners, towards the first, ``(k, 2)``; zero where they touch."""
     apart = own[:, :, None, :] - other[:, None, :, :]
     lengths = np.hypot(apart[..., 0], apart[..., 1]).reshape(len(own), -1)
     nearest = lengths.argmin(axis=1)
@@ -333,12 +333,12 @@ def _distances_to_ring(places: Array, ring: Array) -> Array:
     hull = np.concatenate([ring, ring[:1]])
     sides = hull[1:] - hull[:-1]
     squares = np.maximum((sides**2).sum(axis=1), 1e-300)
-    found = np.full(len(places), np.inf)
+    distances = np.full(len(places), np.inf)
     for corner, side, square in zip(hull[:-1], sides, squares, strict=True):
         away = places - corner
         share = np.clip(away @ side / square, 0.0, 1.0)
-        found = np.minimum(found, np.hypot(*(away - share[:, None] * side).T))
-    return found
+        distances = np.minimum(distances, np.hypot(*(away - share[:, None] * side).T))
+    return distances
 
 
 def _gap_along(along: Array, own: Array, other: Array) -> Array:

@@ -75,7 +75,7 @@ def hybrid_a_star(
     body : Polytope
         The car in its own frame: origin in the middle of the rear axle, x ahead. Bounded, in the plane.
     obstacles : dict of str to Polytope, or sequence
-        May be without end (walls, wedges). Those of a sequence are called "obstacle 1", ...
+        May be without end (walls, wedges). In a sequence they are called "obstacle 1", ...
     wheelbase : float
         From axle to axle.
     steering_limit : float
@@ -197,7 +197,7 @@ class _EndSearch:
 
 
 def _joined_arcs(one: BestFirstSearch, other: BestFirstSearch) -> tuple[Array, Array] | None:
-    """Signed lengths and curvatures of the arcs of a path from the root of one search to that of the other.
+    """Signed lengths and curvatures of the arcs of a path from the root of one search to the root of the other.
 
     Reeds-Shepp paths lead from poses that one has reached to poses that the other has. Each search needs half of the
     shunts of a path then. The cost of a search grows like a power of their number.

@@ -104,7 +104,7 @@ class InverseDynamics:
             wanted = np.column_stack([np.gradient(known[name], times) for name in layer]) if layer else np.zeros(0)
 
     def solved(self, unknown: Sequence[str], values: Columns, expressions: Sequence[Any], wanted: Array) -> Columns:
-        """Values with some columns changed so that expressions are what is wanted, ``(k, len(expressions))``."""
+        """Values with some columns changed so that expressions have the wanted values, ``(k, len(expressions))``."""
         bounds = [self.variables[name].bounds for name in unknown]
         low = np.array([-np.inf if bound[0] is None else bound[0] for bound in bounds])
         high = np.array([np.inf if bound[1] is None else bound[1] for bound in bounds])

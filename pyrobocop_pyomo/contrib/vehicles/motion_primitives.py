@@ -1,4 +1,4 @@
-"""Motion primitives of a car: the short arcs that a search is made of, what they cost, and Reeds-Shepp paths.
+"""Motion primitives of a car: the short arcs that a search is made of, their costs, and Reeds-Shepp paths.
 
 Reeds-Shepp paths: the shortest paths of a car between two poses without obstacles; arcs, straight lines and cusps.
 
@@ -383,20 +383,20 @@ class MotionPrimitives:
             return np.asarray(apart / units)
 
         bound = np.repeat([2.0 * most, STRETCHED], [pieces, pieces // PIECES])
-        found = np.zeros((len(poses), len(bound)))
+        changes = np.zeros((len(poses), len(bound)))
         for _ in range(STEPS):
-            arcs = changed(found)
+            arcs = changed(changes)
             along = self.follow(first, *arcs)
             error, slopes = errors(along)[:, :, None], self._slopes(along, *arcs) / units[:, None]
             of_lengths = (slopes[..., pieces:] * lengths[:, None]).reshape(len(poses), 4, -1, PIECES).sum(axis=-1)
             # The tightest turns stay as they are.
-            free = (np.abs(turns + found[:, :pieces]) < most)[:, None] / self.turning_radius
+            free = (np.abs(turns + changes[:, :pieces]) < most)[:, None] / self.turning_radius
             slopes = np.concatenate([slopes[..., :pieces] * free, of_lengths], axis=-1)
             # The smallest change that removes the error, in first order.
             square = slopes @ slopes.swapaxes(1, 2) + NEGLIGIBLE * np.eye(4)
-            found = found - (slopes.swapaxes(1, 2) @ np.linalg.solve(square, error))[..., 0]
-            found = np.clip(found, -bound, bound)
-        lengths, turns = changed(found)
+            changes = changes - (slopes.swapaxes(1, 2) @ np.linalg.solve(square, error))[..., 0]
+            changes = np.clip(changes, -bound, bound)
+        lengths, turns = changed(changes)
         reached = np.abs(errors(self.follow(first, lengths, turns))).max(axis=1) <= 10 * NEGLIGIBLE
         turns = turns * self.turning_radius
         lengths[back], turns[back] = -lengths[back, ::-1], turns[back, ::-1]
@@ -411,12 +411,12 @@ class MotionPrimitives:
         start, end, step = along[:, :-1], along[:, 1:], DIFFERENCE * np.array([0.0, 0.0, 0.0, 1.0])
         kept = (follow_arc(start + step, lengths, curvatures, self.trailer) - end)[:, :, 3] / DIFFERENCE
         left = np.cumprod(np.append(kept[:, 1:], np.ones((len(along), 1)), axis=1)[:, ::-1], axis=1)[:, ::-1]
-        found = []
+        slopes = []
         for moves in ((lengths, curvatures + DIFFERENCE), (lengths + DIFFERENCE, curvatures)):
             x, y, turn, angle = np.moveaxis((follow_arc(start, *moves, self.trailer) - end) / DIFFERENCE, 2, 0)
             away = along[:, -1:] - end
-            found.append(np.stack([x - turn * away[..., 1], y + turn * away[..., 0], turn, left * angle], axis=1))
-        return np.concatenate(found, axis=-1)
+            slopes.append(np.stack([x - turn * away[..., 1], y + turn * away[..., 0], turn, left * angle], axis=1))
+        return np.concatenate(slopes, axis=-1)
 
     def _short_arcs(self, lengths: Array, turns: Array) -> tuple[Array, Array]:
         """Lengths and curvatures of short arcs that make up paths of few arcs, ``(n, s)`` each; zeros fill up.

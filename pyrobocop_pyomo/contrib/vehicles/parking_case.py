@@ -68,7 +68,7 @@ class ParkingCar:
 
 @dataclass(frozen=True, eq=False)
 class ParkingCase(Presented):
-    """Where a car starts, where it parks, and what it keeps clear of; relative to the place where it starts.
+    """Where a car starts, where it parks, and its obstacles; relative to the place where it starts.
 
     Attributes
     ----------
@@ -171,12 +171,12 @@ class ParkingCase(Presented):
 
 def _decimal(number: str | float, position: int, name: str) -> Decimal:
     try:
-        found = Decimal(number if isinstance(number, str) else repr(float(number)))
+        decimal = Decimal(number if isinstance(number, str) else repr(float(number)))
     except (InvalidOperation, ValueError, TypeError):
-        found = Decimal("nan")
-    if not found.is_finite():
+        decimal = Decimal("nan")
+    if not decimal.is_finite():
         raise ObstacleError(f"parking case '{name}': value {position} is {number!r}; expected a finite number.")
-    return found
+    return decimal
 
 
 def _count(number: Decimal, label: str, name: str, least: int) -> int:

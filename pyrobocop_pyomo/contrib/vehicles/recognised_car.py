@@ -23,7 +23,7 @@ from pyomo.core.base.constraint import ConstraintData
 from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.contrib.robots.least_squares import DIFFERENCE
-from pyrobocop_pyomo.contrib.robots.sampled_path import courses
+from pyrobocop_pyomo.contrib.robots.sampled_path import functions_of_time_index
 from pyrobocop_pyomo.errors import InitialGuessError, ObstacleError, PyRobocopError
 from pyrobocop_pyomo.geometry import Polytope, Pose, planar_pose, signed_distance
 from pyrobocop_pyomo.modeling.deadline import Deadline
@@ -64,7 +64,7 @@ class RecognisedCar:
     shape : Polytope
         In the car's own frame: the origin on the rear axle, x ahead.
     frames : list of (x, y, angle)
-        The frames of car and trailer in those of their bodies.
+        The frames of car and trailer in the frames of their bodies.
     turning_radius : float
     speed : float or None
         That both directions allow; None without bounds.
@@ -117,7 +117,7 @@ class RecognisedCar:
         clearance = max(number for pair, number in scene.clearances.items() if not set(self.bodies).isdisjoint(pair))
         deadline = Deadline.after(time_limit)
 
-        def found(*, whole_turns: bool) -> CarPath:
+        def search(*, whole_turns: bool) -> CarPath:
             path, _, _ = staged_search(
                 tuple(ends[0]),
                 tuple(ends[1]),
@@ -133,12 +133,12 @@ class RecognisedCar:
             )
             return path
 
-        path = found(whole_turns=False)
+        path = search(whole_turns=False)
         last = (self.phase.component(name)[times[-1]] for name in self._equations.pose_states)
         if any(variable.fixed for variable in last) and abs(path.poses[-1, 2] - ends[1][2]) > 1.0:
             # The path that is easiest to find turns the other way: what is fixed says which way it has to be.
             with contextlib.suppress(InitialGuessError):
-                path = found(whole_turns=True)
+                path = search(whole_turns=True)
         return path
 
     def _region(self, ends: Sequence[Array], room: float) -> Any:
@@ -178,18 +178,18 @@ class RecognisedCar:
         found = self._equations.states_and_controls(target, rates, times)
         if found is None or self._ends_elsewhere(found):
             return False
-        phase.initialize(courses(phase, found) | duration)
+        phase.initialize(functions_of_time_index(phase, found) | duration)
         return True
 
-    def _ends_elsewhere(self, found: dict[str, Array]) -> bool:
+    def _ends_elsewhere(self, guess: dict[str, Array]) -> bool:
         """Whether the end is fixed whole turns away from where the path leads."""
         for name in self._equations.pose_states:
             last = self.phase.component(name)[self.phase.record.grid.times[-1]]
-            if last.fixed and abs(last.value - found[name][-1]) > 1e-6 * max(1.0, abs(last.value)):
+            if last.fixed and abs(last.value - guess[name][-1]) > 1e-6 * max(1.0, abs(last.value)):
                 logger.warning(
                     "'%s' is fixed at %.6g; the path of the car leads to %.6g, which is the same heading. State "
                     "final=%.6g, or leave out whole turns of the initial value.",
-                    last.name, last.value, found[name][-1], found[name][-1],
+                    last.name, last.value, guess[name][-1], guess[name][-1],
                 )  # fmt: skip
                 return True
         return False
@@ -245,24 +245,24 @@ def _recognised(block: Any, phase: Any, bodies: list[str]) -> RecognisedCar:
     values = equations.sampled(equations.pose_states, generator)
     moved = equations.sampled(equations.pose_states, generator)
     elsewhere = {name: moved[name] for name in equations.pose_states}
-    found, others = equations.velocities(values), equations.velocities(values | elsewhere)
-    if not np.isfinite(found).all():
+    velocities, others = equations.velocities(values), equations.velocities(values | elsewhere)
+    if not np.isfinite(velocities).all():
         raise ObstacleError("their velocities are not finite.")
-    frames = [_frame(body, found[:, k]) for k, body in enumerate(bodies)]
+    frames = [_frame(body, velocities[:, k]) for k, body in enumerate(bodies)]
     hitch = length = 0.0
     if len(bodies) == 2:
-        pulls = np.abs(others - found).max(axis=(0, 2)) <= NOTHING * np.abs(found).max()
+        pulls = np.abs(others - velocities).max(axis=(0, 2)) <= NOTHING * np.abs(velocities).max()
         if pulls.all() or not pulls.any():
             raise ObstacleError("velocities of just one of them, the car, must not depend on the poses.")
         if pulls[1]:
             return _recognised(block, phase, bodies[::-1])
-        frames, hitch, length = _hitched(frames, equations.pose_values(values, len(found)))
+        frames, hitch, length = _hitched(frames, equations.pose_values(values, len(velocities)))
     x, y, angle = frames[0]
-    ahead = found[:, 0, 0] * math.cos(angle) + found[:, 0, 1] * math.sin(angle)
-    ahead = ahead - found[:, 0, 2] * (y * math.cos(angle) - x * math.sin(angle))
+    ahead = velocities[:, 0, 0] * math.cos(angle) + velocities[:, 0, 1] * math.sin(angle)
+    ahead = ahead - velocities[:, 0, 2] * (y * math.cos(angle) - x * math.sin(angle))
     shapes = [_in_frame(block, body, frame) for body, frame in zip(bodies, frames, strict=True)]
     moves = np.abs(ahead) > 1e-3 * np.abs(ahead).max()
-    radius = max(1.0 / float(np.abs(found[moves, 0, 2] / ahead[moves]).max()), SMALLEST_RADIUS * shapes[0].reach)
+    radius = max(1.0 / float(np.abs(velocities[moves, 0, 2] / ahead[moves]).max()), SMALLEST_RADIUS * shapes[0].reach)
     speeds = [speed for speed in (float(ahead.max()), float(-ahead.min())) if speed > 0.0]
     trailer = None
     if len(bodies) == 2:
@@ -272,7 +272,7 @@ def _recognised(block: Any, phase: Any, bodies: list[str]) -> RecognisedCar:
 
 
 def _frame(body: str, velocities: Array) -> Frame:
-    """The frame of a car in that of its body: on its rear axle, x ahead."""
+    """The frame of a car in the frame of its body: on its rear axle, x ahead."""
     axle = _axle(velocities)
     if axle is None:
         raise ObstacleError(f"'{body}' has no axle that never moves along itself.")
@@ -313,21 +313,21 @@ def _hitched(frames: list[Frame], poses: Array) -> tuple[list[Frame], float, flo
         cosine, sine = np.cos(own[:, 2] + angle), np.sin(own[:, 2] + angle)
         rows.append(np.concatenate([np.column_stack([cosine, -sine]), np.column_stack([sine, cosine])]))
     matrix, wanted = np.hstack([rows[0], -rows[1]]), places[1] - places[0]
-    found = np.linalg.lstsq(matrix, wanted, rcond=None)[0]
-    apart = float(np.abs(matrix @ found - wanted).max())
+    hitch = np.linalg.lstsq(matrix, wanted, rcond=None)[0]
+    apart = float(np.abs(matrix @ hitch - wanted).max())
     if apart > 1e-6 * max(1.0, float(np.abs(wanted).max())):
         raise ObstacleError(
             f"they have no hitch: no two points of them stay together, the closest get {apart:.3g} apart."
         )
-    if found[2] < 0.0:
+    if hitch[2] < 0.0:
         frames = [frames[0], (*frames[1][:2], math.remainder(frames[1][2] + math.pi, 2.0 * math.pi))]
-        found[2:] = -found[2:]
-    aside = np.where(np.abs(found[1::2]) > NOTHING, found[1::2], 0.0).tolist()
+        hitch[2:] = -hitch[2:]
+    aside = np.where(np.abs(hitch[1::2]) > NOTHING, hitch[1::2], 0.0).tolist()
     moved = [
         (x - math.sin(angle) * move, y + math.cos(angle) * move, angle)
         for (x, y, angle), move in zip(frames, aside, strict=True)
     ]
-    return moved, float(found[0]), float(found[2])
+    return moved, float(hitch[0]), float(hitch[2])
 
 
 def _limit(

@@ -58,7 +58,7 @@ def staged_search(
     time_limit : float, optional
         Seconds, for all searches together.
     **car
-        The others are those of `hybrid_a_star`.
+        The others as for `hybrid_a_star`.
 
     Returns
     -------

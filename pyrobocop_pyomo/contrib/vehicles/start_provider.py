@@ -37,15 +37,15 @@ class CarStarts:
         """See `StartProvider`. Where there is no path, there is none farther from everything either."""
         cars = _cars(model)
         for clearances in PATH_CLEARANCES:
-            found = False
+            has_path = False
             for block, car in cars:
                 try:
                     path = car.path(block, clearances, deadline.left)
                 except InitialGuessError as error:
                     logger.info("'%s': no path for '%s': %s", block.name, car.bodies[0], error)
                     continue
-                found = car.follow(path) or found
-            if not found:
+                has_path = car.follow(path) or has_path
+            if not has_path:
                 return
             yield f"along the path of a car, {clearances:g} clearances from obstacles"
 

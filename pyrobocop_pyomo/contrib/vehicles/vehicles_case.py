@@ -92,13 +92,13 @@ class VehiclesCase(Presented):
 
     @classmethod
     def _from_map(cls, text: str, name: str, disc_radius: float) -> VehiclesCase:
-        found = {
+        poses = {
             which: [_numbers(row.split(","), name) for row in re.findall(rf"{which}:\s*\[([^\]]*)\]", text)]
             for which in ("start", "goal")
         }
         points = [_numbers(row.split(","), name) for row in _LIST.findall(text.partition("obstacles:")[2])]
         rows = [point for point in points if len(point) == 2]
-        starts, goals = (np.array(found[which]).reshape(-1, 3) for which in ("start", "goal"))
+        starts, goals = (np.array(poses[which]).reshape(-1, 3) for which in ("start", "goal"))
         turned = np.array([1.0, 1.0, -1.0])
         obstacles = {
             f"obstacle {k}": [Polytope.ball(disc_radius, point, name=f"obstacle {k}")]

@@ -228,7 +228,7 @@ def _in_turn(
     """One move of each, in an order in which each has a way, and those that have none in any order tried."""
     left = sorted(range(len(case)), key=lambda k: -float(np.hypot(*(case.goals[k] - case.starts[k])[:2])))
     order: list[int] = []
-    found: dict[int, _Planned] = {}
+    planned: dict[int, _Planned] = {}
     in_vain: set[_Trial] = set()
     changes = 0
     while left:
@@ -236,20 +236,20 @@ def _in_turn(
         step = _next(case, car, order, left, fewest, clearance, search, deadline, in_vain)
         if step is None:
             break
-        kept, vehicle, found[vehicle] = step
+        kept, vehicle, planned[vehicle] = step
         if kept < len(order):
             changes += 1
             logger.info("'%s': vehicle %d goes before %s", case.name, vehicle + 1, [k + 1 for k in order[kept:]])
         left = order[kept:] + [k for k in left if k != vehicle]
         order = [*order[:kept], vehicle]
-    return [VehicleMove(k, *found[k]) for k in order], left
+    return [VehicleMove(k, *planned[k]) for k in order], left
 
 
 def _in_a_ring(case: VehiclesCase, car: ParkingCar, clearance: float) -> list[int]:
     """Vehicles of which each has to leave before the next one arrives; none where there is an order."""
     space = FreeSpace.around(car.shape, [], 0.0, 1.0)
     goal, start = (~np.eye(len(case), dtype=bool)).nonzero()
-    taken = space.gaps_of_two(case.goals[goal], case.starts[start]) < LESS * clearance
+    taken = space.gaps_between_vehicles(case.goals[goal], case.starts[start]) < LESS * clearance
     leaves_before = networkx.DiGraph(zip(start[taken].tolist(), goal[taken].tolist(), strict=True))
     ring: list[int] = next(networkx.simple_cycles(leaves_before), [])
     return sorted(ring)
@@ -268,7 +268,7 @@ def _moves_aside(
         others = [k for k in range(len(case)) if k != vehicle]
         taken = np.concatenate([case.starts[others], case.goals])
         places = case.starts[vehicle] + offsets
-        gaps = space.gaps_of_two(np.repeat(places, len(taken), 0), np.tile(taken, (len(places), 1)))
+        gaps = space.gaps_between_vehicles(np.repeat(places, len(taken), 0), np.tile(taken, (len(places), 1)))
         apart = gaps.reshape(len(places), -1).min(axis=1) >= 2.0 * (clearance + SPARE)
         trials = ASIDE_TRIALS
         for place in places[apart & are_free(space, places)]:
@@ -295,7 +295,7 @@ def _refuse_overlaps(case: VehiclesCase, car: ParkingCar) -> None:
     space = FreeSpace.around(car.shape, [], 0.0, 1.0)
     for which, poses in (("starts", case.starts), ("goals", case.goals)):
         first, second = np.triu_indices(len(case), 1)
-        gaps = space.gaps_of_two(poses[first], poses[second])
+        gaps = space.gaps_between_vehicles(poses[first], poses[second])
         if len(gaps) and gaps.min() <= 0.0:
             k = int(gaps.argmin())
             raise ObstacleError(
@@ -331,7 +331,7 @@ def _next(
 def _with_ways(
     case: VehiclesCase, car: ParkingCar, arrived: list[int], waiting: Sequence[int], chosen: Sequence[int]
 ) -> Iterator[int]:
-    """Those of the chosen that may have a way now; first those that leave one for all others where they arrive."""
+    """The chosen vehicles that may have a way now; first the ones that leave a way for all others where they arrive."""
     shutting_in = []
     for vehicle in chosen:
         others = [k for k in waiting if k != vehicle]
@@ -391,22 +391,22 @@ def _timed(case: VehiclesCase, car: ParkingCar, moves: list[VehicleMove], cleara
     space = FreeSpace.around(car.shape, [], 0.0, 1.0)
     reports = [move.report for move in moves if move.report is not None]
     least = min((pair.clearance for report in reports for pair in report.body_pairs), default=clearance + SPARE)
-    asked = clearance if least >= clearance + SPARE else 0.6 * least
+    required = clearance if least >= clearance + SPARE else 0.6 * least
     off = np.zeros(len(case))
     for move in moves:
         deviates = max((pair.deviation for pair in move.report.body_pairs), default=0.0) if move.report else 0.0
-        deviates += _chord_deviation(move.trajectory, space.corners_reach)
+        deviates += _chord_deviation(move.trajectory, space.corner_radius)
         off[move.vehicle] = max(off[move.vehicle], deviates)
     spare = SPARE
     while True:
         plan = VehiclesPlan(
-            case, car, _departures(space, moves, asked + 2.0 * float(off.max()) + spare), SafetyReport(())
+            case, car, _departures(space, moves, required + 2.0 * float(off.max()) + spare), SafetyReport(())
         )
         times = np.arange(0.0, plan.duration + 2.0 * STEP, STEP)
         names = [f"vehicle {k + 1}" for k in range(len(case))]
         rows = dict(zip(names, plan.poses_at(times), strict=True))
         pairs = {
-            (names[i], names[k]): asked + float(off[i] + off[k])
+            (names[i], names[k]): required + float(off[i] + off[k])
             for i in range(len(case))
             for k in range(i + 1, len(case))
         }
@@ -425,7 +425,7 @@ def _timed(case: VehiclesCase, car: ParkingCar, moves: list[VehicleMove], cleara
 
 
 def _poses(moves: Sequence[VehicleMove], vehicle: int, times: Array) -> Array:
-    """Poses of one vehicle: those of its last move that has begun."""
+    """Poses of one vehicle, along its last move that has begun."""
     own = [move for move in moves if move.vehicle == vehicle]
     poses = own[0].poses_at(times)
     for move in own[1:]:
@@ -475,6 +475,6 @@ def _departures(space: FreeSpace, moves: Sequence[VehicleMove], clearance: float
 def _keeps_clear(space: FreeSpace, mine: Array, wait: int, before: Array, clearance: float) -> bool:
     """Whether a motion that begins after so many steps keeps away from those before it, at all steps."""
     at = mine[np.clip(np.arange(before.shape[1]) - wait, 0, len(mine) - 1)]
-    near = np.hypot(*np.moveaxis(before[..., :2] - at[:, :2], -1, 0)) < 2.0 * space.corners_reach + clearance
+    near = np.hypot(*np.moveaxis(before[..., :2] - at[:, :2], -1, 0)) < 2.0 * space.corner_radius + clearance
     which, step = np.nonzero(near)
-    return bool((space.gaps_of_two(at[step], before[which, step]) >= clearance).all())
+    return bool((space.gaps_between_vehicles(at[step], before[which, step]) >= clearance).all())

@@ -24,11 +24,11 @@ from pyrobocop_pyomo.phases.declarations import Parameter
 from pyrobocop_pyomo.phases.step_equations import problem_of_rows
 from pyrobocop_pyomo.trajectories import Trajectory
 
-Led = Sequence[tuple[Any, Trajectory]]
+Motions = Sequence[tuple[Any, Trajectory]]
 
 
 @dataclass(frozen=True, eq=False)
-class StartTies:
+class LinkedInitialState:
     """The rows that tie the start of a phase to the motions of others.
 
     Attributes
@@ -39,7 +39,7 @@ class StartTies:
     beside : tuple of PhaseBlock
         Those whose motion the equations of the phase read.
     rows : tuple of ConstraintData
-        Equations, those of variables in between among them.
+        Equations, also of variables in between.
     conditions : tuple of ConstraintData
         Other rows between the start, or the parameters, and the motions of others.
     unknowns : tuple of VarData
@@ -53,12 +53,12 @@ class StartTies:
     conditions: tuple[Any, ...] = ()
     unknowns: tuple[Any, ...] = ()
 
-    def start_after(self, led: Led) -> dict[str, float]:
+    def start_after(self, motions: Motions) -> dict[str, float]:
         """Where the phase starts after motions of those before it; nothing where that is its start in the plan.
 
         Parameters
         ----------
-        led : sequence of (PhaseBlock, Trajectory)
+        motions : sequence of (PhaseBlock, Trajectory)
 
         Raises
         ------
@@ -71,22 +71,22 @@ class StartTies:
         def broken(rows: Iterable[Any]) -> list[str]:
             return [row.name for row in rows if not constraint_violation(row) <= planned[id(row)] + NEGLIGIBLE]
 
-        with put_on_model(led):
+        with put_on_model(motions):
             if not broken(rows):
                 return {}
-        what = f"phase '{self.phase.name}'"
-        found = solved_start(what, self.phase, self.rows, self.unknowns, led)
-        with values_restored(self.unknowns), put_on_model(led):
-            for variable, number in zip(self.unknowns, found, strict=True):
+        label = f"phase '{self.phase.name}'"
+        start = solve_start(label, self.phase, self.rows, self.unknowns, motions)
+        with values_restored(self.unknowns), put_on_model(motions):
+            for variable, number in zip(self.unknowns, start, strict=True):
                 variable.set_value(number, skip_validation=True)
             if first := broken(self.conditions):
-                raise ModelError(f"{what}: '{first[0]}' does not hold after the motion of the phases before it.")
+                raise ModelError(f"{label}: '{first[0]}' does not hold after the motion of the phases before it.")
         names = {id(variable): name for name, variable in _starts(self.phase).items()}
-        numbers = zip(self.unknowns, found, strict=True)
+        numbers = zip(self.unknowns, start, strict=True)
         return {names[id(variable)]: number for variable, number in numbers if id(variable) in names}
 
 
-def ties_of(phase: Any) -> StartTies:
+def linked_initial_state(phase: Any) -> LinkedInitialState:
     """All rows that tie the start of a phase to the motions of others.
 
     A row that reads later states of the phase as well, as a budget of all phases does, says nothing about its start
@@ -94,7 +94,7 @@ def ties_of(phase: Any) -> StartTies:
     """
     others = other_phases(phase)
     if not others:
-        return StartTies(phase)
+        return LinkedInitialState(phase)
     starts = {id(variable): variable for variable in _starts(phase).values()}
     entries = {*starts, *(id(phase.component(name)) for name in phase.record.names(Parameter))}
     homes = {id(other) for other in (phase, *others)}
@@ -123,7 +123,7 @@ def ties_of(phase: Any) -> StartTies:
         rows, in_rows = {}, {}
     equations = variables_in_any(rate for name in phase.record.rates for rate in phase.record.rates[name].values())
     of_start = [*in_rows.values(), *(v for _, of in conditions for v in of)]
-    return StartTies(
+    return LinkedInitialState(
         phase,
         tuple(other for other in others if _later_states(of_start, [other])),
         tuple(other for other in others if _later_states(equations.values(), [other])),
@@ -133,7 +133,7 @@ def ties_of(phase: Any) -> StartTies:
     )
 
 
-def solved_start(label: str, phase: Any, rows: Collection[Any], unknowns: Collection[Any], led: Led) -> list[float]:
+def solve_start(label: str, phase: Any, rows: Collection[Any], unknowns: Collection[Any], past: Motions) -> list[float]:
     """Values of the unknowns at the start of a phase by equations, after given motions of the phases that these read.
 
     Raises
@@ -149,7 +149,7 @@ def solved_start(label: str, phase: Any, rows: Collection[Any], unknowns: Collec
             f"'{phase.name}' yourself."
         )
     expressions = [row.body - row.upper for row in stated]
-    with put_on_model(led):
+    with put_on_model(past):
         guess = np.array([0.0 if variable.value is None else variable.value for variable in variables])
         solution = solve_mixed_complementarity(problem_of_rows(expressions, variables), guess)
     if not solution.solved:

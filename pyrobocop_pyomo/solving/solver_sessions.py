@@ -34,7 +34,7 @@ _REMEDY_OF_FIXED = (
 
 
 class InitialGuess:
-    """Where strategies start, and what is to be said about it.
+    """Where strategies start, and remarks about it.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ logger = logging.getLogger(__name__)
 
 
 @dataclass(eq=False)
-class Workplace:
+class SolverSession:
     """A relaxed model with an open session.
 
     Attributes
@@ -137,8 +137,8 @@ class Workplace:
         return settings.options.with_default(DEFAULT_WITH_PAIRS) if self.relaxed.pairs else settings.options
 
 
-class Workplaces:
-    """One workplace after the other, as strategies ask for other relaxations.
+class SolverSessions:
+    """One solver session after the other, as strategies ask for other relaxations.
 
     Parameters
     ----------
@@ -148,9 +148,9 @@ class Workplaces:
 
     Attributes
     ----------
-    place : Workplace or None
+    current : SolverSession or None
         The one that is open.
-    last : Workplace or None
+    last : SolverSession or None
         The last that was, also after it is closed.
     """
 
@@ -158,19 +158,19 @@ class Workplaces:
         self._model, self._settings, self._guess = model, settings, guess
         self._backends = [settings.backend, *settings.fallbacks]
         self._stack = contextlib.ExitStack()
-        self.place: Workplace | None = None
-        self.last: Workplace | None = None
+        self.current: SolverSession | None = None
+        self.last: SolverSession | None = None
 
     def close(self) -> None:
-        """Take back what was stated for the pairs."""
-        self.place = None
+        """Take back the rows that were stated for the pairs."""
+        self.current = None
         self._stack.close()
 
-    def move_to(self, strategy: Strategy) -> Workplace:
-        """Keep the workplace, or change it for one with the relaxation that the strategy asks for."""
+    def move_to(self, strategy: Strategy) -> SolverSession:
+        """Keep the solver session, or change it for one with the relaxation that the strategy asks for."""
         relaxation = self._settings.relaxation if strategy.relaxation is None else strategy.relaxation
-        if self.place is not None and self.place.relaxation == relaxation:
-            return self.place
+        if self.current is not None and self.current.relaxation == relaxation:
+            return self.current
         self.close()
         self._guess.variables.write(self._guess.start)
         delta = 1e-2 if strategy.schedule is None else next(iter(strategy.schedule.steps()))
@@ -178,8 +178,8 @@ class Workplaces:
         session = self._open_session(relaxed)
         self._stack.callback(session.close)
         values = VariableValues.of_free(self._model)
-        self.place = self.last = Workplace(relaxation, relaxed, session, values, values.read())
-        return self.place
+        self.current = self.last = SolverSession(relaxation, relaxed, session, values, values.read())
+        return self.current
 
     def _open_session(self, relaxed: RelaxedModel) -> Session:
         """A session of the first backend that takes the model."""
