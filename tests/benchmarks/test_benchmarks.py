@@ -46,9 +46,7 @@ SAID: dict[str, tuple[str, ...]] = {
         "0 faults, and 0 beyond documented limits, in 6 trials",
         "not spoilt, without pairs: 2 trials, 2 called safe",
     ),
-    "safety_adversary --seed 8": ("seed 8: ",),
     "adversary": ("0 faults in 6 trials",),
-    "adversary --seed 2": ("seed 2: ",),
     "unit_changes": ("2 of 2 change little",),
     "textbook": ("3 of 3 within 0.001 of the published value",),
     "import_time": (r"^pyrobocop_pyomo +0\.\d+ +\d+",),
@@ -85,7 +83,7 @@ SAID: dict[str, tuple[str, ...]] = {
 skipif = pytest.mark.skipif
 NEEDS = {
     **dict.fromkeys(("cart_pole_transcription", "continuation_backends"), (pytest.mark.executable, pytest.mark.asl)),
-    **dict.fromkeys(("adversary", "adversary --seed 2"), (pytest.mark.executable,)),
+    "adversary": (pytest.mark.executable,),
     **dict.fromkeys(("contact_receding_horizon", "contact_pictures"), (pytest.mark.heavy,)),
     "linear_solvers": (skipif(find_linear_solver() is None, reason="there is no C compiler"),),
     "memory": (skipif(not hasattr(ctypes.CDLL(None), "mallinfo2"), reason="the GNU C library tells what is in use"),),
