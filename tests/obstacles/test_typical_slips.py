@@ -14,10 +14,8 @@ from pyrobocop_pyomo.errors import ModelError
 
 POSES: dict[str, tuple[Any, list[str]]] = {
     "np.cos of a state": (lambda b, t: rcp.planar_pose(np.cos(b.theta[t]), 0), ["np.cos", "pyo.cos"]),
-    "float of a state": (lambda b, t: rcp.planar_pose(float(b.x[t]), 0), ["float()", "Pyomo's functions"]),
     "one argument too few": (lambda t: rcp.planar_pose(t, 0), ["rule(b, t)", "lambda b, t", "phase 'move'"]),
     "no index": (lambda b, t: rcp.planar_pose(b.x, b.y[t]), ["index missing", "[t]"]),
-    "called, not indexed": (lambda b, t: rcp.planar_pose(b.x(t), 0), ["[t]"]),
     "a tuple": (lambda b, t: (b.x[t], b.y[t], b.theta[t]), ["a tuple", "planar_pose"]),
     "no return": (lambda b, t: None, ["return statement", "planar_pose"]),
     "planar_pose itself": (rcp.planar_pose, ["first argument", "b.x[t]"]),
