@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-import pyomo.environ as pyo
 import pytest
 from harness.moving import by_states, on_points, placed, sampled
 from hypothesis import given
@@ -24,25 +23,6 @@ subintervals = st.tuples(st.floats(0, 0.95), st.floats(0.02, 1.0)).map(lambda pa
 
 def moving(m: Any, shape: Polytope, pose: Any = by_states) -> MovingShape:
     return moving_shapes(motion_of(m.t, m), {"body": Body(shape, pose)})["body"][0]
-
-
-@given(seed=seeds, subinterval=subintervals, direction=st.floats(0, 6.3), turn=st.floats(0, 4))
-def test_values_and_boxes_hold_every_instant(
-    seed: int, subinterval: tuple[float, float], direction: float, turn: float
-) -> None:
-    poses = np.random.default_rng(seed).normal(size=(2, 3)) * [2, 2, turn]
-    at = np.array([0]), np.array([subinterval[0]]), np.array([subinterval[1]])
-    shape = SHAPE.padded(0.1)
-    found = moving(on_points(poses), shape).path_bounds(*at)
-    fractions = np.linspace(*subinterval, 501)
-    corners = placed(SHAPE.vertices, poses[0] + fractions[:, None] * (poses[1] - poses[0]))
-    normal = np.array([[np.cos(direction), np.sin(direction)]])
-    values = found.value_bounds(normal)
-    assert (values.low[0] <= (corners @ normal[0]).min(axis=0) + 1e-12).all()
-    assert ((corners @ normal[0]).max(axis=0) <= values.high[0] + 1e-12).all()
-    box = found.boxes()
-    assert (box.low[0] <= corners.min(axis=(0, 1)) - 0.1 + 1e-12).all()
-    assert (corners.max(axis=(0, 1)) + 0.1 <= box.high[0] + 1e-12).all()
 
 
 @given(
@@ -101,12 +81,3 @@ def test_rays_turn_with_the_body(seed: int, subinterval: tuple[float, float], tu
     rays = placed(WEDGE.rays, np.column_stack([np.zeros_like(angles), np.zeros_like(angles), angles]))
     assert not (np.isfinite(box.high[0]) & (rays > 1e-9).any(axis=(0, 1))).any()
     assert not (np.isfinite(box.low[0]) & (rays < -1e-9).any(axis=(0, 1))).any()
-
-
-def test_a_resting_shape_is_where_it_is() -> None:
-    m = pyo.ConcreteModel()
-    m.t = pyo.RangeSet(0, 1)
-    wall = moving_shapes(motion_of(m.t, m), {"wall": Body(SHAPE)})["wall"][0]
-    box = wall.path_bounds(np.array([0]), np.array([0.0]), np.array([1.0])).boxes()
-    assert box.low[0] == pytest.approx([-1.0, -0.5], abs=1e-12)
-    assert box.high[0] == pytest.approx([2.0, 1.0], abs=1e-12)

@@ -4,7 +4,7 @@ from typing import Any
 
 import pyomo.environ as pyo
 import pytest
-from harness.moving import by_states, check, on_a_phase
+from harness.moving import check
 from pyomo.dae import ContinuousSet, DerivativeVar
 
 import pyrobocop_pyomo as rcp
@@ -38,13 +38,6 @@ def test_reports_say_which_motion_along_continuous_sets() -> None:
     report = check(discretised(nfe=2), CAR, FAR, 0.1, pose=along)
     assert not report.motion_is_assumed
     assert "polynomials of the states along 't'" in str(report).splitlines()[0]
-
-
-def test_reports_say_which_motion_of_phases() -> None:
-    m = on_a_phase(lambda t: (t, 0, 0), elements=2, duration=1.0)
-    moving = check(m, CAR, FAR, 0.1, points=m.move.time, pose=lambda m, t: by_states(m.move, t))
-    assert "polynomials of the states of phase 'move'" in str(moving).splitlines()[0]
-    assert not moving.motion_is_assumed
 
 
 # ------------------------------------------------------------------------------------------- numbers in place of sets
