@@ -23,26 +23,3 @@ def pendulum(scheme):
     b.u = rcp.Control(bounds=(-10, 10))
     b.ode(lambda b, t: {b.a: b.w[t], b.w: (b.u[t] - 9.81 * pyo.sin(b.a[t]) - 0.1 * b.w[t]) / 2})
     return minimise(m, lambda b, t: (b.a[t] - np.pi) ** 2 + b.w[t] ** 2 + 0.01 * b.u[t] ** 2)
-
-
-def quick_cart():
-    m, b = phase(rcp.Duration(bounds=(0.1, 10), initial_guess=3), 10)
-    b.x, b.v = rcp.State(initial=0, final=1, bounds=(-2, 2)), rcp.State(initial=0, final=0)
-    b.u = rcp.Control(bounds=(-1, 1))
-    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t]})
-    m.cost = pyo.Objective(expr=b.duration)
-    return m
-
-
-def dead_zone():
-    m, b = phase(2.0, 12)
-    b.x, b.v, b.u = rcp.State(initial=0), rcp.State(initial=0), rcp.Control(bounds=(-3, 3))
-    b.force = rcp.Algebraic(bounds=(0, None))
-    b.ode(lambda b, t: {b.x: b.v[t], b.v: b.u[t] - b.force[t]})
-    gap = {t: 0.5 if i < 6 else 0.8 for i, t in enumerate(b.points)}
-
-    @b.complementarity
-    def play(b, t):
-        return rcp.complements(b.force[t] >= 0, b.x[t] <= gap[t])
-
-    return minimise(m, lambda b, t: (b.x[t] - 1) ** 2 + b.v[t] ** 2 + 0.1 * b.u[t] ** 2)

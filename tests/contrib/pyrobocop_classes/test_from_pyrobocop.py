@@ -16,8 +16,6 @@ from . import native_models, problems
 EQUAL = {
     "explicit Euler": (problems.SwingUp, "explicit", lambda: native_models.pendulum("explicit_euler")),
     "midpoint": (problems.SwingUp, "legendre", lambda: native_models.pendulum("implicit_midpoint")),
-    "least time": (problems.QuickCart, "radau", native_models.quick_cart),
-    "pairs at lower and upper bounds, which vary": (problems.DeadZone, "radau", native_models.dead_zone),
     "objects": (problems.Car, "radau", lambda: car_between_obstacles.build("one", elements=20)),
 }
 

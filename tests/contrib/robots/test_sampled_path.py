@@ -116,15 +116,6 @@ def test_a_goal_of_the_hand_is_reached_by_inverse_kinematics(bounds: tuple[float
     assert distances(m, end) >= CLEARANCE - 1e-5
 
 
-def test_both_branches_of_the_elbow_are_found() -> None:
-    """Of an arm of two links there are two ways to reach a place, mirrored at the line from the shoulder to it."""
-    goal = hand_at((1.2, 0.8))
-    space = ConfigurationSpace(arm(hand=tuple(goal)).reach)
-    ends = space.ends(True, np.zeros(2), np.random.default_rng(0))
-    assert {int(np.sign(q[1])) for q in ends} == {-1, 1}
-    assert np.allclose([hand_at(q) for q in ends], goal, atol=1e-5)
-
-
 def test_a_body_that_flies_freely_finds_its_way_through_a_gap() -> None:
     m = turning_move(height=0.0, turn=0.0)
     long = rcp.Polytope.box(1.0, 0.2)

@@ -3,7 +3,6 @@
 from itertools import pairwise
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -48,21 +47,3 @@ def test_a_path_is_clear_and_a_shortened_one_is_clear_and_no_longer(seed: int, l
         assert all(clear_length(a, b, thinner, 0.01) == 1.0 for a, b in pairwise(each))
     assert np.linalg.norm(START - GOAL) <= length(short) <= length(path) * (1.0 + 1e-12)
     assert (short[:, 1] > low).any()
-
-
-def test_of_several_goals_one_that_can_be_reached_is_reached() -> None:
-    goals = np.array([[0.5, 0.02], *GOAL])  # the first is inside the wall's gap, which is closed on both sides
-
-    def are_clear(points: Array) -> BoolArray:
-        return np.asarray(points[:, 1] > 0.05)
-
-    path, _ = tree_path(START, goals, BOX, are_clear, spacing=SPACING, samples=500, generator=np.random.default_rng(3))
-    assert path is not None
-    assert np.array_equal(path[-1], GOAL[0])
-
-
-@pytest.mark.parametrize("share", [0.25, 0.5, 1.0])
-def test_the_clear_share_of_a_line_ends_before_what_is_in_the_way(share: float) -> None:
-    start, end = np.zeros(1), np.ones(1)
-    found = clear_length(start, end, lambda points: points[:, 0] <= share, 0.01)
-    assert share - 0.01 <= found <= share
