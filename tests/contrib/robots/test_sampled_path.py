@@ -87,7 +87,7 @@ def test_configurations_are_clear_of_a_wedge_without_end() -> None:
 
 
 @given(seed=st.integers(0, 10**6))
-@settings(deadline=None, max_examples=15)
+@settings(deadline=None, max_examples=8)
 def test_a_path_is_clear_within_bounds_and_leads_from_start_to_goal(seed: int) -> None:
     m = arm()
     assert any(distances(m, q) < 0 for q in ConfigurationSpace(m.reach).guess())

@@ -83,7 +83,7 @@ def test_a_motion_that_is_called_clear_is_clear_all_along(pose: Any, length: flo
     steps = np.full(3, length / 3)
     motion = follow_arcs(np.array(pose), steps, np.full(3, curvature))
     clear = space.is_clear(motion[None], np.array([abs(curvature)]), np.array([abs(length) / 3]))[0]
-    between = follow_arc(np.array(pose), np.linspace(0, length, 61), np.full(61, curvature))
+    between = follow_arc(np.array(pose), np.linspace(0, length, 31), np.full(31, curvature))
     least = min(distance(each, obstacle) for each in between.tolist() for obstacle in obstacles) - 0.1
     if clear:
         assert least >= -1e-7

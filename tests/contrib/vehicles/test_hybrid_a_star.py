@@ -97,24 +97,6 @@ def test_a_start_that_is_tight_as_well_is_left_with_finer_primitives() -> None:
     assert_ends(path, start, REVERSE["goal"])
 
 
-def test_turning_and_moving_the_scene_moves_the_path() -> None:
-    """Cells and bounds do not turn with it: the path may differ a little, but not its quality."""
-    turn = -2.5
-    pose = rcp.planar_pose(30.0, -20.0, turn)
-    moved = {
-        "goal": (*pose.apply(REVERSE["goal"][:2]), REVERSE["goal"][2] + turn),
-        "obstacles": {name: shape.placed(pose) for name, shape in REVERSE["obstacles"].items()},
-    }
-    start = (*pose.apply(START[:2]), START[2] + turn)
-    wide = ((-50.0, 50.0), (-50.0, 50.0))
-    bounds = ((0.0, 60.0), (-50.0, 10.0))
-    path, reference = park(start, moved, bounds=bounds), park(bounds=wide)
-    assert least_distance(path, moved["obstacles"]) >= 0.1 - ROUNDING
-    assert_ends(path, start, moved["goal"])
-    assert path.length == pytest.approx(reference.length, rel=0.25)
-    assert abs(path.cusps - reference.cusps) <= 1
-
-
 def test_lengths_in_another_unit_give_the_same_path() -> None:
     """Everything in centimetres: all that the search chooses by itself grows along."""
     scale = 100.0

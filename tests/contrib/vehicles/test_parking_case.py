@@ -194,7 +194,7 @@ def test_what_is_no_case_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.casadi
 @pytest.mark.slow
-def test_vehicles_that_change_places_keep_apart() -> None:
+def test_vehicles_that_change_places_keep_apart(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where each goes exactly where the other one stands, one of them moves aside first."""
     starts = [(-9.0, 0.0, 0.0), (9.0, 0.5, math.pi)]
     goals = starts[::-1]
@@ -209,6 +209,16 @@ def test_vehicles_that_change_places_keep_apart() -> None:
         placed = shape.placed(rcp.planar_pose(*one.tolist()))
         distance = rcp.scenes.signed_distance(shape, placed, rcp.planar_pose(*other.tolist())).distance
         assert distance >= 0.05 - 1e-3
+    # A film has each vehicle where the plan has it.
+    drawn: list[Any] = []
+    monkeypatch.setattr(vehicles_in_turn, "animate_scene", lambda *arguments, **options: drawn.extend(arguments))
+    plan.animate()
+    times, vehicles, *_ = drawn
+    for vehicle, of_plan in zip(vehicles, plan.poses_at(times), strict=True):
+        np.testing.assert_allclose(vehicle.translation, of_plan[:, :2])
+        ahead = np.column_stack([np.cos(of_plan[:, 2]), np.sin(of_plan[:, 2])])
+        np.testing.assert_allclose(vehicle.rotation[:, :, 0], ahead)
+        np.testing.assert_allclose(np.linalg.det(vehicle.rotation), 1.0)
 
 
 # A dead end from the left: its inner place and its mouth, and a yard before it.
@@ -232,6 +242,20 @@ def test_who_goes_farther_into_a_dead_end_goes_first() -> None:
     assert list(vehicles_in_turn._with_ways(case, car, [0], [1], [1])) == [1]
 
 
+def test_a_vehicle_that_finds_no_way_goes_before_as_few_as_possible(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Vehicle 3 gets there only before vehicle 1, since they have farther to go."""
+    case = rcp.scenes.VehiclesCase(
+        "yard", [(0, 10 * k, 0) for k in range(4)], [(50 - k, 10 * k, 0) for k in range(4)], {}
+    )  # fmt: skip
+
+    def alone(case: Any, car: Any, vehicle: int, arrived: Any, *rest: Any) -> Any:
+        return None if vehicle == 3 and 1 in arrived else (vehicle, None)
+
+    monkeypatch.setattr(vehicles_in_turn, "_alone", alone)
+    monkeypatch.setattr(vehicles_in_turn, "_timed", lambda case, car, moves, *rest: [move.vehicle for move in moves])
+    assert rcp.scenes.plan_vehicles(case) == [0, 3, 1, 2]
+
+
 def test_vehicles_that_shut_each_other_in_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each has to be there before the other: no order does, and the search for one ends."""
     case = rcp.scenes.VehiclesCase("yard", [(0, 0, 0), (0, 10, 0)], [(50, 0, 0), (40, 10, 0)], {})
@@ -242,20 +266,3 @@ def test_vehicles_that_shut_each_other_in_are_refused(monkeypatch: pytest.Monkey
     monkeypatch.setattr(vehicles_in_turn, "_moves_aside", lambda *given: None)
     with pytest.raises(InitialGuessError, match=r"of the vehicles \[\d\] none finds a way"):
         rcp.scenes.plan_vehicles(case)
-
-
-@pytest.mark.casadi
-def test_a_film_has_each_vehicle_where_the_plan_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    drawn: list[Any] = []
-    monkeypatch.setattr(vehicles_in_turn, "animate_scene", lambda *arguments, **options: drawn.extend(arguments))
-    yard = rcp.scenes.VehiclesCase("yard", [(-8, 0, 0), (8, 4, math.pi)], [(8, 0, 0), (-8, 4, math.pi)], {})
-    plan = rcp.scenes.plan_vehicles(yard)
-    plan.animate()
-    times, vehicles, *_ = drawn
-    assert (times[0], len(vehicles)) == (0.0, 2)
-    assert times[-1] >= plan.duration
-    for vehicle, poses in zip(vehicles, plan.poses_at(times), strict=True):
-        np.testing.assert_allclose(vehicle.translation, poses[:, :2])
-        ahead = np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])])
-        np.testing.assert_allclose(vehicle.rotation[:, :, 0], ahead)
-        np.testing.assert_allclose(np.linalg.det(vehicle.rotation), 1.0)

@@ -1,7 +1,9 @@
 """Cars are recognised by how they move, whatever their states are called and wherever their reference point is."""
 
+import itertools
 import math
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,9 +12,12 @@ import pytest
 from harness.scenes import keep_clear
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from obstacle_problems.scattered import scattered
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.contrib.vehicles.recognised_car import _axle, recognised_car
+from pyrobocop_pyomo.modeling.deadline import NO_DEADLINE
+from pyrobocop_pyomo.planning.recovery import Recovery
 from pyrobocop_pyomo.solving.ipopt_options import SIDE_ITERATIONS
 
 from .car_scenes import CAR, REVERSE, START, WHEELBASE
@@ -36,7 +41,7 @@ def in_the_street(states: dict[str, tuple[float, float]], pose: Any, ode: Any, s
     return m
 
 
-def from_rear_axle(clockwise: bool = False) -> Any:
+def from_rear_axle(clockwise: bool = False, start: Any = START, goal: Any = REVERSE["goal"]) -> Any:
     """Heading counter-clockwise from x, or clockwise from y."""
 
     def heading(b: Any, t: Any) -> Any:
@@ -49,8 +54,8 @@ def from_rear_axle(clockwise: bool = False) -> Any:
             b.q: -turn if clockwise else turn, b.v: b.push[t],
         }  # fmt: skip
 
-    ends = [math.pi / 2 - angle if clockwise else angle for angle in (START[2], REVERSE["goal"][2])]
-    states = {"x": (START[0], REVERSE["goal"][0]), "y": (START[1], REVERSE["goal"][1]), "q": (ends[0], ends[1])}
+    ends = [math.pi / 2 - angle if clockwise else angle for angle in (start[2], goal[2])]
+    states = {"x": (start[0], goal[0]), "y": (start[1], goal[1]), "q": (ends[0], ends[1])}
     return in_the_street(states, lambda b, t: rcp.planar_pose(b.x[t], b.y[t], heading(b, t)), ode)
 
 
@@ -128,13 +133,7 @@ def test_an_end_that_is_whole_turns_away_is_told(caplog: pytest.LogCaptureFixtur
 
 def test_a_car_turns_the_way_that_its_last_heading_says() -> None:
     last = math.pi  # the easiest path ends half a turn the other way
-
-    def ode(b: Any, t: Any) -> Any:
-        turn = b.v[t] * pyo.tan(b.wheel[t]) / WHEELBASE
-        return {b.x: b.v[t] * pyo.cos(b.q[t]), b.y: b.v[t] * pyo.sin(b.q[t]), b.q: turn, b.v: b.push[t]}
-
-    ends = {"x": (-4, -8), "y": (9.5, 9), "q": (0, last)}
-    m = in_the_street(ends, lambda b, t: rcp.planar_pose(b.x[t], b.y[t], b.q[t]), ode)
+    m = from_rear_axle(start=(-4, 9.5, 0), goal=(-8, 9, last))
     car = recognised_car(m.d.avoid)
     assert car is not None
     path = car.path(m.d.avoid, 1.0, None)
@@ -182,3 +181,28 @@ def test_the_axle_is_found_from_velocities(angle: float, ahead: float, aside: fl
 
 # --------------------------------------------------------------------
 # When paths of cars are searched for as starts of plans, and when not.
+
+
+IN_VAIN = SimpleNamespace(
+    results=[SimpleNamespace(stop_reason=rcp.StopReason.ITERATION_LIMIT)],
+    deadline=NO_DEADLINE,
+    put_motion_without_obstacles=lambda: None,
+)
+
+
+@pytest.mark.parametrize("is_for_a_start", [True, False])
+def test_no_path_is_searched_twice_in_vain(is_for_a_start: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not farther from obstacles where there is none near them, and not for a start that another mesh improves."""
+    m = scattered("unicycle", 6, 100, 20)
+    m.move.avoid.initialize()
+    recovery = Recovery(m, IN_VAIN, is_for_a_start=is_for_a_start)
+    searched: list[float] = []
+
+    def in_vain(*_: Any, clearance: float, **__: Any) -> None:
+        searched.append(clearance)
+        raise rcp.errors.InitialGuessError("none")
+
+    monkeypatch.setattr("pyrobocop_pyomo.contrib.vehicles.recognised_car.staged_search", in_vain)
+    count = sum(1 for _ in itertools.islice(recovery.starts(), 3))
+    assert count == (2 if is_for_a_start else 3)
+    assert len(searched) == (0 if is_for_a_start else 1)
