@@ -92,7 +92,7 @@ ROOT = Path(__file__).parents[2]
 OF_THE_CORE = (
     "tests/phases/test_writings.py", "tests/phases/test_structure.py", "tests/solving/test_starts_of_plans.py",
     "tests/solving/test_failures.py", "tests/obstacles/test_typical_slips.py", "tests/obstacles/test_rerouting.py",
-    "tests/motion/test_which_motion.py", "tests/distributed/test_central_model.py",
+    "tests/motion/test_refused_poses.py", "tests/distributed/test_central_model.py",
 )  # fmt: skip
 
 
