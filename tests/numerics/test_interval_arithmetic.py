@@ -160,16 +160,6 @@ def test_powers_contain_their_values(exponent: float, bounds: tuple[float, float
     assert crosses_a_pole or not np.abs(values).max() < 1e100 or np.isfinite(found.low[0])
 
 
-@given(first=bounds, second=bounds)
-def test_products_contain_the_products_of_their_corners(
-    first: tuple[float, float], second: tuple[float, float]
-) -> None:
-    found = Interval(*np.array(first)[:, None]) * Interval(*np.array(second)[:, None])
-    products = np.multiply.outer(np.linspace(*first, 33), np.linspace(*second, 33))
-    assert found.low[0] <= products.min()
-    assert products.max() <= found.high[0]
-
-
 def test_a_subinterval_over_a_pole_is_unbounded() -> None:
     across = Interval(np.array([1.0]), np.array([2.0])).tan()
     assert (across.low[0], across.high[0]) == (-np.inf, np.inf)
