@@ -103,14 +103,6 @@ def test_a_point_without_finite_values_is_infinitely_bad() -> None:
     assert PointCheck(m).point().violation == math.inf
 
 
-@given(best=st.floats(-100, 100), gap=st.floats(0, 1))
-def test_as_good_as_looks_in_the_direction_of_the_objective(best: float, gap: float) -> None:
-    better, worse = Point(best - gap, 0, 0, 0), Point(best + gap + 0.011, 0, 0, 0)
-    assert better.as_good_as(best, maximise=False)
-    assert not worse.as_good_as(best, maximise=False)
-    assert worse.as_good_as(best, maximise=True)
-
-
 @pytest.mark.parametrize(
     ("first", "second", "violation", "natural"),
     [(0.0, -3.0, 0.0, 0.0), (2.0, 0.0, 0.0, 0.0), (0.5, -0.2, 0.0, 0.2), (-0.1, 4.0, 0.1, 0.1), (3.5, 0.0, 0.5, 0.0)],
