@@ -1,7 +1,9 @@
 """SolverFactory("pyrobocop.ipopt") behaves as Pyomo's own Ipopt interfaces do."""
 
+import copy
 import io
 import logging
+import pickle
 import time
 from typing import Any
 
@@ -239,3 +241,10 @@ def test_what_a_callback_raises_spoils_no_later_run() -> None:
     with pytest.raises(RuntimeError, match="enough"):
         run_ipopt(nlp, {}, kept=kept, on_iteration=fail)
     assert run_ipopt(nlp, {}, kept=kept).status.solved
+
+
+def test_copies_and_pickles_of_the_object_run_as_it_does() -> None:
+    kept = KeptProblem()
+    first = run_ipopt(program().nlp, {}, kept=kept)
+    for other in (copy.deepcopy(kept), pickle.loads(pickle.dumps(kept))):
+        np.testing.assert_array_equal(run_ipopt(program().nlp, {}, kept=other).x, first.x)
