@@ -1,4 +1,4 @@
-"""What `import pyrobocop_pyomo` does and does not do, and the names that people may rely on."""
+"""What `import pyrobocop_pyomo` does and does not do, and how it shows its names."""
 
 import ast
 import functools

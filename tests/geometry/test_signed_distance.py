@@ -280,7 +280,7 @@ def test_two_walls_that_face_each_other() -> None:
 
 
 # --------------------------------------------------------------------
-# Cylinders, cones and ellipsoids lie within their polytopes, whose corners are at most the excess away.
+# Cylinders and cones lie within their polytopes, whose corners are at most the excess away.
 
 
 lengths = some.floats(0.05, 20.0)

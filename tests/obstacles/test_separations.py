@@ -1,4 +1,4 @@
-"""Gaps that separations prove never exceed the exact distance, and rows agree with the corners."""
+"""Gaps that separations prove never exceed the exact distance."""
 
 import numpy as np
 import pyomo.environ as pyo
