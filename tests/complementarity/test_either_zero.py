@@ -38,11 +38,15 @@ def test_residuals_are_those_of_the_product_with_the_size_of_the_free_side(c, h)
 
 @pytest.mark.ipopt
 @pytest.mark.parametrize(
-    ("c0", "h0", "expected"),
-    [(3.0, 1.0, (3.0, 0.0)), (1.0, 3.0, (0.0, 3.0)), (1.0, -3.0, (0.0, -3.0)), (-1.0, -3.0, (0.0, -3.0))],
+    ("relaxation", "c0", "h0", "expected"),
+    [
+        ("scholtes", 3.0, 1.0, (3.0, 0.0)),
+        ("fischer-burmeister", 1.0, 3.0, (0.0, 3.0)),
+        ("penalty", 1.0, -3.0, (0.0, -3.0)),
+        ("scholtes", -1.0, -3.0, (0.0, -3.0)),
+    ],
 )
-@pytest.mark.parametrize("relaxation", ["scholtes", "fischer-burmeister", "penalty"])
-def test_the_nearest_point_is_found_and_certified(c0, h0, expected, relaxation):
+def test_the_nearest_point_is_found_and_certified(relaxation, c0, h0, expected):
     m = nearest(c0, h0)
     result = rcp.solve(m, strategies=rcp.Strategy(relaxation=relaxation))
     assert result.quality is rcp.Quality.OPTIMAL
@@ -236,7 +240,7 @@ def test_pairs_are_made_only_where_a_larger_sum_could_be_of_use(use: str, mirror
 
 
 @pytest.mark.ipopt
-@pytest.mark.parametrize("weight", [0.0, 1.0, 3.0, 5.0, -1.0])
+@pytest.mark.parametrize("weight", [1.0, 5.0, -1.0])
 def test_soft_thresholds(weight: float) -> None:
     """``min (x - 2)**2 + w |x|`` is at ``2 - w / 2``, and at zero from ``w = 4`` on."""
     m = pyo.ConcreteModel()
@@ -246,6 +250,6 @@ def test_soft_thresholds(weight: float) -> None:
     rcp.solve(m, progress=False).raise_for_status()
     assert m.x.value == pytest.approx(max(2 - weight / 2, 0.0), abs=1e-6)
     parts = pyo.value(token.blocks[0].positive[0] + token.blocks[0].negative[0])
-    assert weight == 0.0 or parts == pytest.approx(abs(m.x.value), abs=1e-6)
+    assert parts == pytest.approx(abs(m.x.value), abs=1e-6)
     SPLIT.revert(m)
     assert pyo.value(m.cost) == pytest.approx((m.x.value - 2) ** 2 + weight * abs(m.x.value))

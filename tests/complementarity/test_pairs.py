@@ -5,14 +5,10 @@ import io
 import pyomo.environ as pyo
 import pyomo.mpec as mpec
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from pyomo.gdp import Disjunct
 
 from pyrobocop_pyomo.complementarity import Complementarity, active_pairs, canonical_form, complements
 from pyrobocop_pyomo.errors import ComplementarityError
-
-numbers = st.floats(-100, 100, allow_nan=False)
 
 
 @pytest.fixture
@@ -73,17 +69,6 @@ def test_every_form_becomes_a_nonnegative_expression_whatever_is_fixed(model, fo
     expression, row = side(model, given(model))
     assert pyo.value(expression) == value
     assert (row is not None) == needs_row
-
-
-@given(value=numbers, bound=numbers)
-def test_the_expression_is_the_distance_to_the_bound(value, bound):
-    m = pyo.ConcreteModel()
-    m.z = pyo.Var(initialize=value)
-    m.x = pyo.Var(bounds=(0, None))
-    lower, _ = side(m, m.z >= bound)
-    upper, _ = side(m, m.z <= bound)
-    assert pyo.value(lower) == value - bound
-    assert pyo.value(upper) == bound - value
 
 
 def test_a_zero_bound_leaves_the_bare_variable(model):
@@ -227,19 +212,6 @@ def test_importing_this_package_leaves_the_decorators_of_pyomo_alone(indexed):
         return mpec.complements(m.x[i] >= 0, m.y[i] >= 0)
 
     assert indexed.theirs.ctype is mpec.Complementarity
-
-
-def test_several_index_sets_and_indexed_weights(indexed):
-    indexed.cc = Complementarity(
-        indexed.I,
-        indexed.I,
-        rule=lambda m, i, j: complements(m.x[i] >= 0, m.y[j] >= 0),
-        group=lambda m, i, j: j,
-        weight=lambda m, i, j: m.step[i] * 2,
-    )
-    assert indexed.cc[1, 3].group == 3
-    indexed.step[1] = 5
-    assert pyo.value(indexed.cc[1, 3].weight) == 10
 
 
 def test_a_parameter_is_a_weight_for_all_pairs_or_one_for_each(indexed):

@@ -29,7 +29,6 @@ TEAMS: dict[str, Callable[[], rcp.Team]] = {
     "quadratic agents": quadratic_team,
     "a cart": pulling_team,
     "a rod and two discs": lambda: pushing_team(2, 5, seed=0),
-    "a rod and four discs": lambda: pushing_team(4, 4, seed=1),
     "a ball and three quadrotors": lambda: sphere.team(sphere.task(2, 3, 5)),
 }
 

@@ -65,10 +65,12 @@ def test_a_name_that_models_have_for_something_else_is_refused(name: str) -> Non
         rcp.Agent(name, middle, 3)
 
 
-@pytest.mark.parametrize("method", [Hub, Sova])
 @pytest.mark.parametrize(
-    ("arguments", "message"),
-    [({"rounds": 0}, "rounds = 0; expected at least 1"), ({"until": "perfect"}, "'strict', 'practical', 'rounds'")],
+    ("method", "arguments", "message"),
+    [
+        (Hub, {"rounds": 0}, "rounds = 0; expected at least 1"),
+        (Sova, {"until": "perfect"}, "'strict', 'practical', 'rounds'"),
+    ],
 )
 def test_rounds_without_an_end_are_refused(method, arguments: dict, message: str) -> None:
     with pytest.raises(TeamError, match=f"{method.__name__}: .*{message}"):
@@ -96,8 +98,13 @@ class Judge:
         return self.score
 
 
-@pytest.mark.parametrize("until", ["strict", "practical", "rounds"])
-@pytest.mark.parametrize(("strict", "practical"), [(True, True), (True, False), (False, True), (False, False)])
+@pytest.mark.parametrize(
+    ("until", "strict", "practical"),
+    [
+        ("strict", True, True), ("strict", False, True), ("practical", True, False), ("practical", False, True),
+        ("rounds", True, True), ("rounds", False, False),
+    ],
+)  # fmt: skip
 def test_what_ends_the_rounds_is_a_success(until: str, strict: bool, practical: bool) -> None:
     team = rcp.Team(robots=robots(), shared=SHARED, physics=Judge(SimpleNamespace(strict=strict, practical=practical)))
     result = team.solve(Sova(rounds=2, until=until))
@@ -198,8 +205,10 @@ def drones(physics: Judge | None = None, components: tuple[str, ...] = ("me.x", 
 FINE = Judge(SimpleNamespace(strict=True, practical=True), robot_components=("me.u",))
 
 
-@pytest.mark.parametrize("physics", [None, FINE])
-@pytest.mark.parametrize("options", [{"tolerance": 1.0, "rounds": 2}, {"rounds": 30}, {"closing": None, "rounds": 2}])
+@pytest.mark.parametrize(
+    ("physics", "options"),
+    [(None, {"tolerance": 1.0, "rounds": 2}), (FINE, {"rounds": 30}), (FINE, {"closing": None, "rounds": 2})],
+)
 def test_a_success_keeps_robots_apart_in_the_plans_that_are_handed_out(physics, options: dict) -> None:
     team = drones(physics)
     result = team.solve(Sova(**options), progress=False)
@@ -225,8 +234,7 @@ def test_plans_without_physics_hold_all_variables() -> None:
     assert team.keep_apart.holds(team.plans_of(merged), team.names)
 
 
-@pytest.mark.parametrize("component", ["me.z", "pace", "cost"])
-@pytest.mark.parametrize("physics", [None, FINE])
+@pytest.mark.parametrize(("physics", "component"), [(None, "me.z"), (FINE, "pace"), (None, "cost")])
 def test_positions_that_are_not_there_are_refused(physics, component: str) -> None:
     with pytest.raises(TeamError, match=f"agent 'd0': .*'{component}'"):
         drones(physics, ("me.x", component)).solve(progress=False)

@@ -10,7 +10,7 @@ from pushing_team import task, team
 from test_engine_laws import FragileEngine
 
 import pyrobocop_pyomo as rcp
-from pyrobocop_pyomo.distributed.local_problem import later_times, later_variables
+from pyrobocop_pyomo.distributed.local_problem import later_times
 from pyrobocop_pyomo.errors import TeamError
 
 pytestmark = pytest.mark.casadi
@@ -111,19 +111,6 @@ def test_a_dead_worker_changes_nothing(deaths: tuple[tuple[int, ...], tuple[int,
     assert fragile == serial
     assert none == 0
     assert dead >= 2
-
-
-def test_values_move_by_one_element() -> None:
-    problem = pulling_team().problem_specs()[0].build()
-    m, nlp = problem.model, problem.nlp
-    for variable in m.component_data_objects(pyo.Var):
-        variable.set_value(variable.index() + 10.0)
-    later = later_variables(m, nlp.compiled.variables)
-    last = GRID["duration"]
-    states = {"q", "u"}
-    for variable, source in zip(nlp.compiled.variables, later, strict=True):
-        assert source.value == pytest.approx(min(variable.index() + H, last) + 10.0), variable.name
-        assert variable.parent_component().local_name in states | {"f"}
 
 
 def test_models_that_cannot_be_moved_ahead() -> None:

@@ -1,24 +1,19 @@
 """The numbered formulas of the explanation pages, evaluated against the code."""
 
-import itertools
 import math
 import re
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyomo.environ as pyo
 import pytest
 from harness.phases import with_phase
 from harness.scenes import avoiding, placed, set_poses, turning_move
-from hypothesis import given
-from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.diagnosis import Severity
 from pyrobocop_pyomo.numerics import remesh
-from pyrobocop_pyomo.obstacles.avoidance_block import _cheapest_path
 from pyrobocop_pyomo.obstacles.tightening import tighten
 
 from .code_blocks import ROOT
@@ -148,17 +143,7 @@ def test_dependent_rows_over_the_horizon_contradict_each_other_where_residuals_d
 # The numbered formulas on separations and on planning in rounds, evaluated against the code.
 
 
-seeds = st.integers(0, 10**6)
 PAGE = ROOT / "docs" / "explanation" / "obstacle-avoidance.md"
-
-
-def gap(n: np.ndarray, p: np.ndarray, q: np.ndarray) -> float:
-    return float((p @ n).min() - (q @ n).max())
-
-
-def unit(random: np.random.Generator) -> np.ndarray:
-    n = random.normal(size=2)
-    return n / np.linalg.norm(n)
 
 
 @pytest.mark.parametrize("where", ["plane", "space"])
@@ -175,31 +160,6 @@ def test_the_table_of_sizes(where: str) -> None:
     assert counts is not None
     of_page = [int(count) for count in counts.groups()]
     assert [unknowns / 3, rows / 3] == (of_page[:2] if where == "plane" else of_page[2:])
-
-
-@given(seed=seeds, ends=st.tuples(st.booleans(), st.booleans()))
-def test_sides_along_time(seed: int, ends: tuple[bool, bool]) -> None:
-    """eq-normals: no other choice of candidates costs less."""
-    random = np.random.default_rng(seed)
-    segments = []
-    for _ in range(3):
-        shapes = [rcp.Polytope.hull(random.normal(size=(5, 2))) for _ in range(2)]
-        segments.append(tuple(shapes))
-    candidates = [np.array([unit(random) for _ in range(4)]) for _ in segments]
-    before, after = (unit(random) if there else None for there in ends)
-
-    def cost(normals: Any) -> float:
-        sizes = [sum(float(np.ptp(side.vertices, axis=0).max()) for side in segment) for segment in segments]
-        depth = sum(
-            -gap(n, first.vertices, second.vertices) / (len(segments) * size)
-            for n, (first, second), size in zip(normals, segments, sizes, strict=True)
-        )
-        way = [n for n in (before, *normals, after) if n is not None]
-        turns = [np.arccos(np.clip(n @ other, -1, 1)) for n, other in itertools.pairwise(way)]
-        return depth + sum(angle**2 for angle in turns)
-
-    chosen = _cheapest_path(candidates, segments, before, after, np.zeros(2))
-    assert cost(chosen) == pytest.approx(min(cost(choice) for choice in itertools.product(*candidates)), abs=1e-9)
 
 
 @pytest.mark.parametrize("split", [False, True])

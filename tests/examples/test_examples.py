@@ -26,9 +26,13 @@ SCRIPTS = sorted(
 )
 # Where all cases together take too long even on few elements: those that stand for the others.
 CASES = {
+    "acrobot": ("published",),
     "belt_drive": ("second-1",),
+    "car_with_trailer": ("bay",),
     "cart_pole_identification": ("noisy",),
     "linear_complementarity_control": ("3",),
+    "mode_enumeration": ("turn",),
+    "pendulum_soft_walls": ("explicit",),
     "pushing_among_obstacles": ("slot",),
     "pushing_in_minimum_time": ("turn",),
     "quadrotor_window": ("low",),
@@ -87,10 +91,6 @@ def test_a_coarse_run_of_the_script_solves_verifies_and_draws(
     assert ended.value.code == 0, printed
     assert all(words in printed for words in said), printed
     assert (tmp_path / f"{script.stem}.png").stat().st_size > 10_000
-
-
-def test_at_least_twenty_are_from_textbooks() -> None:
-    assert len(TEXTBOOK) >= 20
 
 
 @pytest.mark.parametrize("name", TEXTBOOK)
@@ -178,13 +178,3 @@ def test_a_plan_by_the_learned_model_leads_the_ball_nearer_to_its_end_than_one_b
     assert rcp.solve(by_known_terms).solved
     without = abs(maze.tried(by_known_terms)[-1] - by_known_terms.roll.trajectory().theta[-1])
     assert error < 0.5 * without
-
-
-def test_the_servo_step_is_the_flow_of_its_equation() -> None:
-    state = np.array([[0.3], [0.2], [0.05], [-0.4], [-0.02], [0.3]])
-    commands = np.array([[0.03], [-0.06]])
-    exact = maze.simulate_step("outer", state, commands, parts=200)
-    for row, command in ((2, 0.03), (4, -0.06)):
-        np.testing.assert_allclose(
-            maze.servo_step(state[row], state[row + 1], command), exact[row : row + 2], rtol=1e-9
-        )

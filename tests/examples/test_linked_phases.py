@@ -13,10 +13,9 @@ import pyrobocop_pyomo as rcp
 pytestmark = pytest.mark.casadi
 
 
-@pytest.mark.parametrize("elements", [1, 3])
-def test_a_dropped_ball_meets_the_floor_when_it_must(elements: int) -> None:
+def test_a_dropped_ball_meets_the_floor_when_it_must() -> None:
     ball = import_module("bouncing_ball")
-    m = ball.build("drop", bounces=4, elements=elements)
+    m = ball.build("drop", bounces=4, elements=3)
     rcp.solve(m).raise_for_status()
     joined = rcp.join_trajectories(m.flights.values())
     assert joined.boundaries[1:] == pytest.approx(ball.impact_times(4), abs=1e-8)
@@ -27,7 +26,7 @@ def test_a_dropped_ball_meets_the_floor_when_it_must(elements: int) -> None:
         assert part.verify().horizon_error < 1e-8
 
 
-@pytest.mark.parametrize("bounces", [1, 2, 5])
+@pytest.mark.parametrize("bounces", [1, 5])
 def test_the_slowest_throw_is_that_of_the_formula(bounces: int) -> None:
     ball = import_module("bouncing_ball")
     m = ball.build("throw", bounces=bounces)
@@ -147,20 +146,18 @@ def test_a_pushed_slider_keeps_its_distance_from_the_squares() -> None:
     assert [signal[-1] for signal in pose] == pytest.approx(example.CASES[case]["goal"], abs=1e-6)
 
 
-@pytest.mark.parametrize("case", ["one", "two"])
-def test_the_small_car_keeps_its_distance(case: str) -> None:
+def test_the_small_car_keeps_its_distance() -> None:
     example = import_module("car_between_obstacles")
-    m = example.build(case)
+    m = example.build("one")
     result = solved(m)
     assert result.safety.equations  # of which 50 elements of order one are too few: the mesh got finer
     x, y, heading = sampled(m.drive, "x", "y", "theta")
-    squares = [rcp.Polytope.box(1, 1, center=centre) for centre in example.CASES[case]["centres"]]
+    squares = [rcp.Polytope.box(1, 1, center=centre) for centre in example.CASES["one"]["centres"]]
     corners = [(-0.25, -0.25), (0.25, -0.25), (0.25, 0.25), (-0.25, 0.25)]
     assert least_planar_distance(corners, x, y, -heading, squares) >= 0.02 - SLACK
-    if case == "one":
-        # Published, with a distance kept at the nodes only: 35.254. For the plan alone, in between costs little.
-        m = example.build(case)
-        m.drive.avoid.equations = False
-        of_plan = rcp.solve(m)
-        assert of_plan.solved
-        assert 35.2 < of_plan.objective < 36
+    # Published, with a distance kept at the nodes only: 35.254. For the plan alone, in between costs little.
+    m = example.build("one")
+    m.drive.avoid.equations = False
+    of_plan = rcp.solve(m)
+    assert of_plan.solved
+    assert 35.2 < of_plan.objective < 36

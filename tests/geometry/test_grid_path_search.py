@@ -32,10 +32,6 @@ def test_a_path_is_as_long_as_its_distance_and_avoids_what_is_impassable() -> No
     assert length == pytest.approx(grid_distances(cost, spacing, (0, 0))[5, 1])
 
 
-def test_lengths_count_the_mean_cost_of_both_cells() -> None:
-    assert grid_distances(np.array([1.0, 3.0, 5.0]), np.array([2.0]), (0,)) == pytest.approx([0.0, 4.0, 12.0])
-
-
 def test_a_closed_wall_has_no_path() -> None:
     cost = np.ones((5, 4))
     cost[2] = np.inf

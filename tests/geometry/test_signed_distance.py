@@ -102,23 +102,6 @@ def test_the_widest_gap_among_them_is_the_depth(seed: int, dimension: int) -> No
         assert 0.0 <= widest <= distance + 1e-12
 
 
-@given(seed=some.integers(0, 2**32 - 1))
-def test_moving_out_along_any_of_them_separates(seed: int) -> None:
-    random = np.random.default_rng(seed)
-    first = random_body(random, 3).placed(random_pose(random, 3, spread=0.5))
-    second = random_body(random, 3)
-    for direction in separating_directions(first.vertices, second.vertices)[:5]:
-        depth = -gap(direction, first.vertices, second.vertices)
-        moved = Polytope(first.vertices + depth * direction, first.rays)
-        assert signed_distance(moved, second).distance >= -1e-9
-
-
-def test_two_boxes_that_are_not_turned_have_four_ways_out() -> None:
-    box = Polytope.box(2, 1)
-    directions = separating_directions(box.vertices, box.vertices + 0.3)
-    assert sorted(map(tuple, directions.round(9) + 0.0)) == [(-1, 0), (0, -1), (0, 1), (1, 0)]
-
-
 def test_a_wall_leaves_one_way_out() -> None:
     wall = Polytope.from_halfspaces([[0, -1]], [-3], bounded=False)
     box = Polytope.box(2, 1).placed(planar_pose(100, 4, 0.3))
@@ -130,12 +113,12 @@ def test_a_wall_leaves_one_way_out() -> None:
 
 
 # --------------------------------------------------------------------
-# Signed distances agree with programs and methods that know nothing of ours, on a thousand pairs of poses each.
+# Signed distances agree with programs and methods that know nothing of ours, on hundreds of pairs of poses each.
 
 
 pytestmark = pytest.mark.heavy
 
-PAIRS = 1000
+PAIRS = 400
 
 
 def pairs(dimension: int, seed: int) -> list[tuple[Polytope, Polytope]]:
@@ -268,19 +251,6 @@ def test_flat_bodies_on_a_coarse_grid(seed: int, dimension: int, corners: tuple[
     assert swapped.distance == pytest.approx(found.distance, abs=1e-12)
 
 
-@given(seed=seeds, dimension=dimensions)
-def test_moving_both_together_changes_nothing(seed: int, dimension: int) -> None:
-    random = np.random.default_rng(seed)
-    first, second = random_body(random, dimension), random_body(random, dimension)
-    one, other, common = (random_pose(random, dimension) for _ in range(3))
-    here, there = (
-        signed_distance(first, second, one, other),
-        signed_distance(first, second, common @ one, common @ other),
-    )
-    assert there.distance == pytest.approx(here.distance, abs=1e-9)
-    assert signed_distance(second, first, other, one).distance == pytest.approx(here.distance, abs=1e-9)
-
-
 @given(seed=seeds, dimension=dimensions, size=some.sampled_from([1e-6, 1e-3, 1e3, 1e6]))
 def test_units_of_length_do_not_matter(seed: int, dimension: int, size: float) -> None:
     random = np.random.default_rng(seed)
@@ -310,7 +280,7 @@ def test_two_walls_that_face_each_other() -> None:
 
 
 # --------------------------------------------------------------------
-# Cylinders, cones and ellipsoids lie within their polytopes, whose corners are at most the excess away.
+# Cylinders and cones lie within their polytopes, whose corners are at most the excess away.
 
 
 lengths = some.floats(0.05, 20.0)
@@ -342,22 +312,6 @@ def test_a_cylinder_in_any_direction(radius: float, height: float, axis: tuple, 
     )
     assert beyond.max() == pytest.approx(shape.excess, abs=1e-9 * (radius + height))
     assert shape.excess == pytest.approx(radius * (1 / math.cos(math.pi / sides) - 1), rel=1e-6)
-
-
-@settings(max_examples=12)
-@given(semi_axes=some.lists(lengths, min_size=2, max_size=3), seed=some.integers(0, 999))
-def test_ellipses_and_ellipsoids_and_polytopes_around_them(semi_axes: list[float], seed: int) -> None:
-    random = np.random.default_rng(seed)
-    shape = Polytope.ellipsoid(semi_axes)
-    unit = random.normal(size=(300, len(semi_axes)))
-    unit /= np.linalg.norm(unit, axis=1)[:, None]
-    around = shape.covered
-    assert inside(around, unit * semi_axes)
-    # The point of the ellipsoid below a corner is no farther than the excess.
-    below = around.vertices / np.linalg.norm(around.vertices / semi_axes, axis=1)[:, None]
-    assert np.linalg.norm(around.vertices - below, axis=1).max() <= around.excess * (1 + 1e-9)
-    assert shape.excess == 0.0
-    assert shape.bounding_box[1] == pytest.approx(semi_axes)
 
 
 def test_a_cone_has_its_tip_and_its_circle() -> None:

@@ -21,7 +21,6 @@ from pyrobocop_pyomo.ipopt import backends, in_process
 from pyrobocop_pyomo.ipopt.backends import Backend
 from pyrobocop_pyomo.programs import asl_program, compiled_model
 
-REAL_EXECUTABLE = backends.find_ipopt_executable()
 ENVIRONMENT = ("PYROBOCOP_IPOPT_LIBRARY", "PYROBOCOP_IPOPT_EXECUTABLE")
 
 
@@ -237,11 +236,6 @@ def test_the_doctor_survives_a_broken_executable(machine):
     assert f"the ipopt executable: fails\n  found       {broken}\n" in text
 
 
-def test_building_needs_casadi_and_says_so(machine, tmp_path):
-    with pytest.raises(SystemExit, match=r"casadi is not installed; .*pip install"):
-        build_asl.main(["--prefix", str(tmp_path)])
-
-
 @pytest.mark.casadi
 def test_building_without_rights_prints_the_command(monkeypatch, tmp_path):
     monkeypatch.setattr(build_asl, "ASL_HEADERS", tmp_path / "none")
@@ -250,19 +244,6 @@ def test_building_without_rights_prints_the_command(monkeypatch, tmp_path):
     monkeypatch.setattr(build_asl.shutil, "which", lambda name: f"/usr/bin/{name}")
     with pytest.raises(SolverNotFoundError, match="Run: sudo apt-get install --yes libamplsolver-dev"):
         build_asl.build_asl(tmp_path)
-
-
-def test_a_failing_step_is_reported_with_its_output():
-    with pytest.raises(SolverNotFoundError, match=r"failed with code 3: sh -c 'echo because; exit 3'\nbecause"):
-        build_asl._run(["sh", "-c", "echo because; exit 3"])
-
-
-def test_what_is_built_is_not_built_again(machine, monkeypatch, capsys):
-    machine.add(machine.prefix / "bin" / "ipopt")
-    monkeypatch.setattr(build_asl, "_loads", lambda library: True)
-    build_asl.build_asl(machine.prefix)
-    (said,) = capsys.readouterr().out.splitlines()
-    assert said.startswith("already built")
 
 
 @pytest.mark.slow

@@ -76,8 +76,7 @@ def test_the_executable_loads_it():
 
 
 @with_both
-@pytest.mark.parametrize("status", [IpoptStatus.STEP_FAILED, IpoptStatus.INTERNAL_ERROR])
-def test_mumps_has_a_try_where_a_run_fails(monkeypatch, status):
+def test_mumps_has_a_try_where_a_run_fails(monkeypatch):
     """A run whose linear solver breaks down, played by a run that says so."""
     used = []
     once = ipopt_run._run_once
@@ -85,20 +84,17 @@ def test_mumps_has_a_try_where_a_run_fails(monkeypatch, status):
     def failing(nlp, options, *rest, **how):
         used.append(options["linear_solver"])
         outcome = once(nlp, options, *rest, **how)
-        return outcome if options["linear_solver"] == "mumps" else ipopt_run.replace(outcome, status=status)
+        return (
+            outcome
+            if options["linear_solver"] == "mumps"
+            else ipopt_run.replace(outcome, status=IpoptStatus.STEP_FAILED)
+        )
 
     monkeypatch.setattr(ipopt_run, "_run_once", failing)
     nlp = CompiledModel(hock_schittkowski_71()[0], "casadi").nlp
     outcome = ipopt_run.run_ipopt(nlp, {"linear_solver": "ldl"})
     assert used == ["ma27", "mumps"]
     assert (outcome.status, outcome.fell_back, outcome.linear_solver) == (IpoptStatus.SOLVED, True, "")
-
-
-@with_both
-def test_what_is_predicted_is_kept_for_the_same_structure():
-    first, second, other = (CompiledModel(swing(elements), "vectorised").nlp for elements in (20, 20, 21))
-    assert predicted_factor(first) is predicted_factor(second)
-    assert predicted_factor(other) != predicted_factor(first)
 
 
 @with_both
@@ -190,7 +186,7 @@ print("all solved:", sorted(answers.items()) == [(number, True) for number in ra
 
 @pytest.mark.ipopt
 @pytest.mark.heavy
-@pytest.mark.parametrize("words", ["2", "8", "8 warm", "3 tee", "3 warm tee"])
+@pytest.mark.parametrize("words", ["8", "3 warm tee"])
 def test_threads_leave_standard_output_and_answers_as_they_are(words: str) -> None:
     run = subprocess.run(
         [sys.executable, "-c", SCRIPT, *words.split()],

@@ -35,7 +35,7 @@ def phase(duration: float, elements: int) -> rcp.PhaseBlock:
     return m.phase
 
 
-@pytest.mark.parametrize("push", [0.0, 3.0, 6.0])
+@pytest.mark.parametrize("push", [3.0, 6.0])
 def test_a_block_slides_until_friction_holds_it(push: float) -> None:
     """Friction bears 4 N: with less than that it comes to rest, with more it goes on faster and faster."""
     b = phase(2.0, 10)

@@ -72,17 +72,6 @@ def test_at_rest_derivatives_are_those_of_the_group() -> None:
 
 
 @given(turn=turns)
-def test_numbers_arrays_and_expressions_turn_alike(turn: tuple) -> None:
-    m = pyo.ConcreteModel()
-    m.v = pyo.Var(range(3), initialize=dict(enumerate(turn)))
-    plain = exponential(turn, np.eye(3))
-    expressions = turn_matrix(turn_quaternion([m.v[i] for i in range(3)]), np.eye(3).tolist())
-    np.testing.assert_allclose([[pyo.value(e) for e in row] for row in expressions], plain, atol=1e-14)
-    arrays = turn_matrix(turn_quaternion(np.tile(np.array(turn)[:, None], 4)), np.tile(np.eye(3)[..., None], 4))
-    np.testing.assert_allclose(np.array(arrays)[..., 3], plain, atol=1e-14)
-
-
-@given(turn=turns)
 def test_vectors_and_matrices_are_the_same_rotations(turn: tuple) -> None:
     np.testing.assert_allclose(rotation_vector(rotation_matrix(turn)), turn, atol=1e-12)
 

@@ -209,10 +209,9 @@ def test_stick_slide_and_separate(case: str) -> None:
     np.testing.assert_allclose(spin, h * friction * np.cross([-0.2, 0, 0], along) / BALL.inertia, atol=2e-3)
 
 
-@pytest.mark.parametrize("body", [AFLOAT, spatial.RigidBody(SHAPES["box"], mass=1.0, inertia=0.1)], ids=["ball", "box"])
-def test_all_ways_of_writing_a_contact_say_the_same(body: Any) -> None:
+def test_all_ways_of_writing_a_contact_say_the_same() -> None:
     """The wrench as variables or as expressions."""
-    wrenches = []
+    body, wrenches = spatial.RigidBody(SHAPES["box"], mass=1.0, inertia=0.1), []
     for as_expressions in (False, True):
         m, grid = pyo.ConcreteModel(), {**GRID, "duration": 0.1, "elements": 1}
         m.push, m.body, m.me = (rcp.PhaseBlock(**grid) for _ in range(3))
@@ -232,8 +231,7 @@ def test_all_ways_of_writing_a_contact_say_the_same(body: Any) -> None:
                 found.append(m.push.component(name)[t].value - (pyo.value(row.body) - row.upper))
                 m.push.component(name)[t].set_value(found[-1])
         wrenches.append(found)
-    for found in wrenches[1:]:
-        assert found == pytest.approx(wrenches[0], abs=1e-12)
+    assert wrenches[0] == pytest.approx(wrenches[1], abs=1e-12)
 
 
 # ----------------------------------------------------------------- what is refused

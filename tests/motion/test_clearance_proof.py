@@ -38,7 +38,7 @@ def check_against_samples(report: Any, distances: np.ndarray, clearance: float) 
         assert closest <= clearance * 1.01
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(seed=seeds, clearance=st.floats(0.02, 0.4), offset=st.floats(0.0, 2.5), turn=st.floats(0, 3))
 def test_random_planar_motions(seed: int, clearance: float, offset: float, turn: float) -> None:
     """Linear in position and angle between points at any times; distances by shapely at 400 instants per interval."""
@@ -55,7 +55,7 @@ def test_random_planar_motions(seed: int, clearance: float, offset: float, turn:
     assert times[pair.interval] - 1e-9 <= pair.time <= times[pair.interval + 1] + 1e-9
 
 
-@settings(max_examples=25)
+@settings(max_examples=12)
 @given(
     seed=seeds, clearance=st.floats(0.02, 0.4), offset=st.floats(0.0, 2.0), scheme=st.sampled_from(["radau", "gauss"])
 )
@@ -82,7 +82,7 @@ def test_random_polynomials_against_a_body_that_moves_by_formula(
     check_against_samples(report, distances_by_shapely(first, placed(box.vertices, poses)), clearance)
 
 
-@settings(max_examples=24)
+@settings(max_examples=12)
 @given(seed=seeds, clearance=st.floats(0.05, 0.4), spatial=st.booleans(), boxes=st.booleans())
 def test_random_motions_of_boxes_and_ellipsoids(seed: int, clearance: float, spatial: bool, boxes: bool) -> None:
     """Thin ones that turn fast: their extent along a normal changes as much as their place does."""
@@ -207,13 +207,13 @@ def test_infinite_speed_is_no_proof_but_values_still_are() -> None:
 
 
 SCHEMES: list[tuple[str, int | None]] = [
-    ("implicit_midpoint", None), ("gauss", 2), ("gauss", 3), ("lobatto", 3), ("lobatto", 4), ("trapezoid", None),
-    ("radau", 2), ("explicit_euler", None),
+    ("implicit_midpoint", None), ("gauss", 2), ("lobatto", 4), ("trapezoid", None), ("radau", 2),
+    ("explicit_euler", None),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize(("scheme", "stages"), SCHEMES)
-@pytest.mark.parametrize("jump", [0.0, 1e-7, 4.0])
+@pytest.mark.parametrize("jump", [1e-7, 4.0])
 def test_a_jump_over_an_obstacle_is_no_safe_motion(scheme: str, stages: int | None, jump: float) -> None:
     """Values that are not solved: both elements stand still, the second one beyond the obstacle."""
     m = pyo.ConcreteModel()
@@ -322,15 +322,6 @@ def test_reports_are_plain_and_picklable() -> None:
     assert lines[1].endswith("overlap")
     assert lines[2].endswith("clear")
     assert "'body' and 'obstacle 2' overlap by " in str(report.worst)
-
-
-def test_many_pairs_and_intervals_cost_little() -> None:
-    """100 intervals and 20 near obstacles stay within a number of subintervals: the cost is linear in them."""
-    poses = [(s * 0.1, 0.1 * math.sin(9 * s / 100), 0.3 * math.sin(7 * s / 100)) for s in range(101)]
-    obstacles = [Polytope.box(0.4, 0.4, center=(k * 0.5, (-1) ** k * 0.78)) for k in range(20)]
-    report = check(on_points(poses), CAR, obstacles, 0.02)
-    assert report.safe
-    assert sum(pair.subintervals for pair in report.body_pairs) <= 1.1 * 20 * 100
 
 
 def test_a_pose_of_numbers_is_a_body_that_rests() -> None:

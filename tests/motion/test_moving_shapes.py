@@ -3,9 +3,8 @@
 from typing import Any
 
 import numpy as np
-import pyomo.environ as pyo
 import pytest
-from harness.moving import by_states, on_points, placed, sampled
+from harness.moving import by_states, on_points, placed
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -16,7 +15,6 @@ from pyrobocop_pyomo.motion.equations_motion import EquationsMotion
 from pyrobocop_pyomo.motion.moving_shapes import MovingShape, RequiredClearance, moving_shapes
 
 SHAPE = Polytope.from_vertices([(-1.0, -0.5), (2.0, -0.5), (2.0, 0.25), (0.0, 1.0)])
-WEDGE = Polytope.from_halfspaces([(-0.2, 1.0), (-0.2, -1.0)], [0.0, 0.0], bounded=False)
 
 seeds = st.integers(0, 10**6)
 subintervals = st.tuples(st.floats(0, 0.95), st.floats(0.02, 1.0)).map(lambda pair: (pair[0], min(sum(pair), 1.0)))
@@ -24,25 +22,6 @@ subintervals = st.tuples(st.floats(0, 0.95), st.floats(0.02, 1.0)).map(lambda pa
 
 def moving(m: Any, shape: Polytope, pose: Any = by_states) -> MovingShape:
     return moving_shapes(motion_of(m.t, m), {"body": Body(shape, pose)})["body"][0]
-
-
-@given(seed=seeds, subinterval=subintervals, direction=st.floats(0, 6.3), turn=st.floats(0, 4))
-def test_values_and_boxes_hold_every_instant(
-    seed: int, subinterval: tuple[float, float], direction: float, turn: float
-) -> None:
-    poses = np.random.default_rng(seed).normal(size=(2, 3)) * [2, 2, turn]
-    at = np.array([0]), np.array([subinterval[0]]), np.array([subinterval[1]])
-    shape = SHAPE.padded(0.1)
-    found = moving(on_points(poses), shape).path_bounds(*at)
-    fractions = np.linspace(*subinterval, 501)
-    corners = placed(SHAPE.vertices, poses[0] + fractions[:, None] * (poses[1] - poses[0]))
-    normal = np.array([[np.cos(direction), np.sin(direction)]])
-    values = found.value_bounds(normal)
-    assert (values.low[0] <= (corners @ normal[0]).min(axis=0) + 1e-12).all()
-    assert ((corners @ normal[0]).max(axis=0) <= values.high[0] + 1e-12).all()
-    box = found.boxes()
-    assert (box.low[0] <= corners.min(axis=(0, 1)) - 0.1 + 1e-12).all()
-    assert (corners.max(axis=(0, 1)) + 0.1 <= box.high[0] + 1e-12).all()
 
 
 @given(
@@ -82,31 +61,3 @@ def test_the_chord_deviation_of_a_parabola_is_exact() -> None:
         found = body.path_bounds(np.array([0]), np.array([start]), np.array([end]))
         assert found.boxes().low[0, 1] == pytest.approx(0.0, abs=1e-12)
         assert found.boxes().high[0, 1] == pytest.approx((2 * end - 1) ** 2)
-
-
-@given(seed=seeds, subinterval=subintervals, turn=st.floats(0, 2), direction=st.floats(0, 6.3))
-def test_rays_turn_with_the_body(seed: int, subinterval: tuple[float, float], turn: float, direction: float) -> None:
-    poses = np.random.default_rng(seed).normal(size=(2, 3)) * [1, 1, turn]
-    found = moving(on_points(poses), WEDGE).path_bounds(
-        np.array([0]), np.array([subinterval[0]]), np.array([subinterval[1]])
-    )
-    angles = sampled(poses, 1000)[:, 2]
-    angles = angles[int(subinterval[0] * 1000) + 1 : int(subinterval[1] * 1000)]
-    normal = np.array([[np.cos(direction), np.sin(direction)]])
-    slopes = found.ray_bounds(normal)
-    turned = placed(WEDGE.rays, np.column_stack([np.zeros_like(angles), np.zeros_like(angles), angles])) @ normal[0]
-    assert (slopes.low[0] <= turned.min(axis=0, initial=np.inf) + 1e-12).all()
-    assert (turned.max(axis=0, initial=-np.inf) <= slopes.high[0] + 1e-12).all()
-    box = found.boxes()
-    rays = placed(WEDGE.rays, np.column_stack([np.zeros_like(angles), np.zeros_like(angles), angles]))
-    assert not (np.isfinite(box.high[0]) & (rays > 1e-9).any(axis=(0, 1))).any()
-    assert not (np.isfinite(box.low[0]) & (rays < -1e-9).any(axis=(0, 1))).any()
-
-
-def test_a_resting_shape_is_where_it_is() -> None:
-    m = pyo.ConcreteModel()
-    m.t = pyo.RangeSet(0, 1)
-    wall = moving_shapes(motion_of(m.t, m), {"wall": Body(SHAPE)})["wall"][0]
-    box = wall.path_bounds(np.array([0]), np.array([0.0]), np.array([1.0])).boxes()
-    assert box.low[0] == pytest.approx([-1.0, -0.5], abs=1e-12)
-    assert box.high[0] == pytest.approx([2.0, 1.0], abs=1e-12)

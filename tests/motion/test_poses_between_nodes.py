@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from harness.moving import by_states, on_a_phase, on_points
+from harness.moving import by_states, check, on_a_phase, on_points
 from pyomo.dae import ContinuousSet, DerivativeVar
 
 import pyrobocop_pyomo as rcp
@@ -20,15 +20,16 @@ from pyrobocop_pyomo.motion.motion import Motion
 from pyrobocop_pyomo.motion.moving_shapes import template_of
 from pyrobocop_pyomo.templates.template import templated
 
-SCHEMES = [
-    ("radau", 3),
-    ("radau", 1),
-    ("gauss", 2),
-    ("lobatto", 3),
-    ("explicit_euler", None),
-    ("implicit_midpoint", None),
-]
+FAR = Polytope.box(1, 1, center=(90, 90))
+FIXED = {"duration": 2.0}
 FREE = {"duration": rcp.Duration(bounds=(0.5, 3), initial_guess=2.0), "free_element_widths": (0.2, 4.0)}
+FOLLOWED = [
+    ("radau", 3, FREE),
+    ("gauss", 2, FREE),
+    ("lobatto", 3, FIXED),
+    ("explicit_euler", None, FIXED),
+    ("implicit_midpoint", None, FREE),
+]
 
 
 def path(t: float) -> tuple[float, float, float]:
@@ -40,8 +41,7 @@ def by_clock(m: Any, t: Any) -> Any:
     return planar_pose(b.x[t] + 0.1 * b.time_at(t), b.y[t] * pyo.cos(b.time_at(t)), b.theta[t] - b.duration)
 
 
-@pytest.mark.parametrize("horizon", [{"duration": 2.0}, FREE], ids=["fixed", "free"])
-@pytest.mark.parametrize(("scheme", "stages"), SCHEMES, ids=str)
+@pytest.mark.parametrize(("scheme", "stages", "horizon"), FOLLOWED, ids=str)
 def test_poses_follow_the_trajectory(scheme: str, stages: int | None, horizon: dict[str, Any]) -> None:
     """In expressions, in the template's values and in its Taylor forms alike, whatever the scheme and the horizon."""
     m = on_a_phase(path, scheme, stages, elements=4, **horizon)
@@ -233,15 +233,34 @@ def test_continuous_sets_follow_their_polynomials(options: dict[str, Any]) -> No
         motion.pose_at(lambda b, t: planar_pose(b.v[t], 0), 0, 0.3)
 
 
-def top_level_pose(b: Any, t: Any) -> Any:
+def along(b: Any, t: Any) -> Any:
     return planar_pose(b.x[t], 0)
+
+
+def test_reports_say_which_motion_along_continuous_sets() -> None:
+    report = check(free_fall(nfe=2), Polytope.box(0.4, 0.2), [FAR], 0.1, pose=along)
+    assert not report.motion_is_assumed
+    assert "polynomials of the states along 't'" in str(report).splitlines()[0]
+
+
+def test_a_list_of_members_is_refused_when_the_block_is_added() -> None:
+    m = free_fall(nfe=3)
+    m.robot = pyo.Block()
+    m.robot.x = pyo.Reference(m.x)
+    options = {"body": Polytope.box(0.4, 0.2), "pose": along}
+    for block in (m, m.robot):
+        with pytest.raises(ObstacleError, match="'x.t.'.*Give 't' itself" if block is m else "Give 't' itself"):
+            block.avoid = rcp.ObstacleAvoidanceBlock(list(m.t), obstacles={"far": FAR}, clearance=0.1, **options)
+        assert block.component("avoid") is None
+        with pytest.raises(ObstacleError, match="Give 't' itself"):
+            block.inside = rcp.Containment(list(m.t), region=Polytope.box(9, 9), **options)
 
 
 def test_bodies_survive_pickling() -> None:
     """A lost rule is missed when it is asked; a body never comes to rest by being stored."""
-    kept = pickle.loads(pickle.dumps(Body(Polytope.box(1, 1), top_level_pose)))
-    assert kept.pose.rule is top_level_pose
-    lost = pickle.loads(pickle.dumps(Body(Polytope.box(1, 1), lambda b, t: top_level_pose(b, t))))
+    kept = pickle.loads(pickle.dumps(Body(Polytope.box(1, 1), along)))
+    assert kept.pose.rule is along
+    lost = pickle.loads(pickle.dumps(Body(Polytope.box(1, 1), lambda b, t: along(b, t))))
     assert lost.moves
     with pytest.raises(ModelError, match="survive pickling"):
         lost.pose(pyo.ConcreteModel(), 0)

@@ -61,16 +61,6 @@ def test_safe_is_never_said_of_a_motion_that_breaks_a_changing_clearance(
         assert pair.distance - pair.clearance == pytest.approx(excess, abs=1e-4)
 
 
-def test_what_is_asked_is_the_value_of_a_parameter_or_variable() -> None:
-    m = on_points([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-    m.gap = pyo.Param(initialize=1.0, mutable=True)
-    m.v = pyo.Var(initialize=2.0)
-    assert report(m, m.gap).safe
-    assert not report(m, m.gap * m.v).safe
-    m.v.set_value(0.5)
-    assert report(m, m.gap * m.v).body_pairs[0].clearance == 0.5
-
-
 def test_a_clearance_that_cannot_be_followed_or_has_no_value_is_named() -> None:
     m = on_points([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     m.gap = pyo.Var()

@@ -2,7 +2,6 @@
 
 import math
 
-import pyomo.environ as pyo
 import pytest
 from known_mpccs import MpccProblem, mpcc_problem, mpcc_problems
 from known_mpccs.equilibrium import FIRMS
@@ -58,28 +57,6 @@ def test_no_branch_from_any_start_is_better_and_one_is_as_good(problem: MpccProb
     agrees(problem, found)
 
 
-def told_in_part() -> list[object]:
-    """Problems whose solution names some variables only: the leader's and the follower's, without multipliers."""
-    return [
-        pytest.param(problem, id=problem.name)
-        for problem in mpcc_problems()
-        if problem.solution
-        and how(problem) in ("tree", "branches")
-        and any(v.name not in problem.solution for v in problem.build().component_data_objects(pyo.Var))
-    ]
-
-
-@pytest.mark.parametrize("problem", told_in_part())
-def test_the_best_value_is_reached_where_the_answer_says(problem: MpccProblem) -> None:
-    model = problem.build()
-    model.solution = pyo.ConstraintList()
-    for name, number in problem.solution.items():
-        model.solution.add((number - 1e-6, model.find_component(name), number + 1e-6))
-    search = branch_and_bound if how(problem) == "tree" else enumerate_branches
-    found, _ = search(model)
-    agrees(problem, found)
-
-
 @pytest.mark.parametrize("problem", [problem for problem in problems("bound") if "projection" not in problem.id])
 def test_the_relaxed_problem_is_no_better_than_the_planted_point(problem: MpccProblem) -> None:
     assert "convex" in problem.tags
@@ -87,7 +64,7 @@ def test_the_relaxed_problem_is_no_better_than_the_planted_point(problem: MpccPr
     assert bound >= problem.best - 1e-4
 
 
-@pytest.mark.parametrize("cells", [6, 12, 20])
+@pytest.mark.parametrize("cells", [6, 12])
 def test_the_planted_membrane_is_feasible_and_costs_nothing(cells: int) -> None:
     model = mpcc_problem(f"membrane {cells}x{cells}").build()
     check = PointCheck(model)

@@ -23,13 +23,12 @@ every_problem = pytest.mark.parametrize("problem", BY_NAME)
 
 
 @every_problem
-def test_a_build_is_new_and_has_pairs_and_a_start(problem: MpccProblem) -> None:
-    first, second = problem.build(), problem.build()
-    assert first is not second
-    assert read_pairs(first)
-    decided = [v for v in first.component_data_objects(pyo.Var) if not v.name.startswith("kkt")]
+def test_a_build_has_pairs_and_a_start(problem: MpccProblem) -> None:
+    model = problem.build()
+    assert read_pairs(model)
+    decided = [v for v in model.component_data_objects(pyo.Var) if not v.name.startswith("kkt")]
     assert all(v.value is not None for v in decided)
-    assert ("maximise" in problem.tags) == PointCheck(first).maximise
+    assert ("maximise" in problem.tags) == PointCheck(model).maximise
 
 
 @pytest.mark.parametrize("problem", [problem for problem in BY_NAME if problem.values[0].solution])
@@ -102,14 +101,6 @@ def test_a_point_without_finite_values_is_infinitely_bad() -> None:
     assert PointCheck(m).point().violation == math.inf
     m.x.set_value(math.nan, skip_validation=True)
     assert PointCheck(m).point().violation == math.inf
-
-
-@given(best=st.floats(-100, 100), gap=st.floats(0, 1))
-def test_as_good_as_looks_in_the_direction_of_the_objective(best: float, gap: float) -> None:
-    better, worse = Point(best - gap, 0, 0, 0), Point(best + gap + 0.011, 0, 0, 0)
-    assert better.as_good_as(best, maximise=False)
-    assert not worse.as_good_as(best, maximise=False)
-    assert worse.as_good_as(best, maximise=True)
 
 
 @pytest.mark.parametrize(

@@ -5,14 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pyrobocop_pyomo.numerics import mixed_complementarity
 from pyrobocop_pyomo.numerics.mixed_complementarity import (
     ComplementarityValues,
     MixedComplementarity,
     solve_mixed_complementarity,
 )
-
-WAYS = ("_by_newton", "_by_least_squares")
 
 
 def linear(matrix, offset, lower, upper, rows=None) -> MixedComplementarity:
@@ -47,16 +44,6 @@ def test_monotone_problems_have_the_solution_that_is_found(seed: int, count: int
     assert (np.abs(h[(z > lower + 1e-6) & (z < upper - 1e-6)]) < 1e-6).all()
     assert (h[z < np.minimum(upper, lower + 1e-9)] >= -1e-6).all()
     assert (h[z > upper - 1e-9] <= 1e-6).all()
-
-
-@pytest.mark.parametrize("way", WAYS)
-def test_each_way_solves_what_is_easy(way: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    for other in set(WAYS) - {way}:
-        monkeypatch.setattr(mixed_complementarity, other, lambda *_: iter(()))
-    matrix = np.array([[2.0, 1.0], [0.0, 3.0]])
-    problem = linear(matrix, np.array([-5.0, 1.0]), np.zeros(2), np.full(2, np.inf))
-    found = solve_mixed_complementarity(problem, np.array([0.1, 0.2]))
-    np.testing.assert_allclose(found.point, [2.5, 0.0], atol=1e-8)
 
 
 def test_of_several_solutions_the_near_one_is_taken_and_of_none_the_best_point() -> None:

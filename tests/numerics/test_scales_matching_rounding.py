@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from hypothesis.extra import numpy as arrays
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import structural_rank
 
@@ -51,21 +50,6 @@ def test_scales_follow_units(units: tuple[float, float, float], size: float) -> 
     assert second == pytest.approx(first * np.array(units))
     nothing = np.zeros(8)
     assert row_scales(second, after, nothing) == pytest.approx(row_scales(first, before, nothing) * units[:2])
-
-
-@given(arrays.arrays(float, (2, 3), elements=st.floats(-10, 10)), arrays.arrays(float, 3, elements=UNITS), UNITS)
-def test_the_scale_of_an_objective_follows_units(gradients: np.ndarray, units: np.ndarray, unit: float) -> None:
-    scales = np.array([1.0, 2.0, 3.0])
-    before = objective_scale(gradients, scales)
-    if np.abs(gradients).max() > 1e-6:
-        assert objective_scale(unit * gradients / units, scales * units) == pytest.approx(unit * before)
-
-
-@given(UNITS, UNITS, UNITS)
-def test_the_size_of_a_group_follows_units(guess: float, width: float, unit: float) -> None:
-    assert sizes_of_groups(unit * guess, unit * width) == pytest.approx(unit * sizes_of_groups(guess, width))
-    assert sizes_of_groups(guess, np.inf) == pytest.approx(guess)
-    assert sizes_of_groups(0.0, width) == pytest.approx(width)
 
 
 def test_where_nothing_is_known_nothing_is_scaled() -> None:
@@ -117,6 +101,7 @@ def test_a_matching_is_one_and_is_as_large_as_the_structural_rank(pattern: tuple
 
 
 @given(patterns)
+@settings(max_examples=40)
 def test_a_row_is_overdetermined_exactly_when_the_rank_survives_without_it(
     pattern: tuple[list[list[int]], int],
 ) -> None:

@@ -48,7 +48,7 @@ def reference():
 
 
 @pytest.mark.parametrize(
-    "world", [{"angle": 2.0, "shift": (3.0, -7.0)}, {"angle": -0.7}, {"unit": 1000.0}, {"unit": 0.01}], ids=str
+    "world", [{"angle": 2.0, "shift": (3.0, -7.0), "unit": 1000.0}, {"angle": -0.7, "unit": 0.01}], ids=str
 )
 def test_the_plan_does_not_depend_on_the_world(world, reference):
     effort, gap = plan(**world)

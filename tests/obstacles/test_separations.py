@@ -1,4 +1,4 @@
-"""Gaps that separations prove never exceed the exact distance, and rows agree with the corners."""
+"""Gaps that separations prove never exceed the exact distance."""
 
 import numpy as np
 import pyomo.environ as pyo
@@ -87,35 +87,6 @@ def test_a_normal_of_zero_proves_nothing():
     for entry in avoid.normal.values():
         entry.set_value(0.0)
     assert set(avoid.separation_gaps().values()) == {-float("inf")}
-
-
-@settings(max_examples=30)
-@given(poses=st.lists(NUMBER, min_size=15, max_size=15), margin=st.floats(0, 0.3))
-def test_rows_agree_with_the_corners(poses, margin):
-    m = model("triangle", "plane")
-    avoid = m.move.avoid
-    poses_of(m, poses)
-    avoid.initialize()
-    try:
-        for index in avoid.separations:
-            avoid.set_margin(*index, margin)
-            normal = np.array([avoid.normal[(*index, axis)].value for axis in (0, 1)])
-            offset = avoid.offset[index].value
-            for time in avoid.record.segments[index].times:
-                corners = ARROW.placed(placed(m.move, time)).vertices
-                for number, corner in enumerate(corners):
-                    row = avoid.first_shape[(*index, time, number)]
-                    wanted = normal @ corner - offset - BODY.radius - 0.05 - margin  # eq-required
-                    assert pyo.value(row.body) == pytest.approx(wanted, abs=1e-12)
-                    assert (row.lb, row.ub) == (0, None)
-            start = avoid.record.segments[index].times[0]
-            for number, corner in enumerate(SHAPES["triangle"].vertices):
-                row = avoid.second_shape[(*index, start, number)]
-                assert pyo.value(row.body) == pytest.approx(normal @ corner - offset, abs=1e-12)
-                assert (row.lb, row.ub) == (None, 0)
-    finally:
-        for index in avoid.separations:
-            avoid.set_margin(*index, 0)
 
 
 def test_poses_at_a_moving_obstacle_and_between_bodies_are_both_turned():

@@ -1,6 +1,5 @@
-"""Mistakes in rules and scenes: each is answered by name, with what to write instead; nothing is left behind."""
+"""Mistakes in rules: each is answered by name, with what to write instead; nothing is left behind."""
 
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -14,10 +13,8 @@ from pyrobocop_pyomo.errors import ModelError
 
 POSES: dict[str, tuple[Any, list[str]]] = {
     "np.cos of a state": (lambda b, t: rcp.planar_pose(np.cos(b.theta[t]), 0), ["np.cos", "pyo.cos"]),
-    "float of a state": (lambda b, t: rcp.planar_pose(float(b.x[t]), 0), ["float()", "Pyomo's functions"]),
     "one argument too few": (lambda t: rcp.planar_pose(t, 0), ["rule(b, t)", "lambda b, t", "phase 'move'"]),
     "no index": (lambda b, t: rcp.planar_pose(b.x, b.y[t]), ["index missing", "[t]"]),
-    "called, not indexed": (lambda b, t: rcp.planar_pose(b.x(t), 0), ["[t]"]),
     "a tuple": (lambda b, t: (b.x[t], b.y[t], b.theta[t]), ["a tuple", "planar_pose"]),
     "no return": (lambda b, t: None, ["return statement", "planar_pose"]),
     "planar_pose itself": (rcp.planar_pose, ["first argument", "b.x[t]"]),
@@ -68,51 +65,3 @@ def test_a_block_on_the_model_instead_of_the_phase() -> None:
 
     for state in (in_a_scene, inside):
         says(["model 'turning move'", "first argument", "'move' has it", "b.move.x[t]"], state)
-
-
-def stated(**options: Any) -> Callable[[], Any]:
-    def state() -> None:
-        m = turning_move(elements=2)
-        given = {
-            "body": ARROW,
-            "pose": lambda b, t: rcp.planar_pose(b.x[t], b.y[t]),
-            "obstacles": {"wall": WALL},
-            "clearance": 0.05,
-            "points": m.move.time,
-            **options,
-        }
-        points = given.pop("points")
-        points = points(m) if callable(points) else points
-        m.move.avoid = rcp.ObstacleAvoidanceBlock(points, **{k: v for k, v in given.items() if v is not None})
-
-    return state
-
-
-OUTLINE = [(0, 0), (1, 0), (1, 1)]
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"obstacles": [np.array(OUTLINE)]}, ["'obstacle 1'", "Polytope.from_vertices"]),
-        ({"obstacles": "wall"}, ["obstacles=", "dict of names"]),
-        ({"points": lambda m: m.move}, ["'move.time'"]),
-        ({"points": lambda m: [m.move.time, m.move.points]}, ["list of sets", "one block for each phase"]),
-        ({"body": None, "pose": None, "bodies": {"car": (ARROW, None)}}, ["'car'", "Body(shape, pose=rule)"]),
-        ({"body": None, "pose": None, "bodies": {"car": ARROW}}, ["'car'", "nothing moves", "Body(shape, pose=rule)"]),
-        ({"pose": None}, ["pose=rule", "rule(block, t)"]),
-        ({"obstacle": {"wall": WALL}}, ["Did you mean 'obstacles'"]),
-        (
-            {"obstacles": {"crate": rcp.Polytope.box(1, 1, 1)}},
-            ["'body' has dimension 2", "'crate' has dimension 3", "all in space"],
-        ),
-        ({"points": lambda m: None}, ["None", "set of times", "phase.time"]),
-        ({"clearance": None}, ["clearance= is missing", "length > 0"]),
-        *(
-            ({"clearance": clearance}, ["'body' and 'wall'", repr(clearance), "length > 0", "tolerance"])
-            for clearance in (0, math.nan, "small")
-        ),
-    ],
-)
-def test_in_a_scene(options: Any, words: list[str]) -> None:
-    says(words, stated(**options))

@@ -5,6 +5,7 @@ import sys
 import numpy as np
 import pyomo.environ as pyo
 import pytest
+from harness.small_problems import corners
 
 import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.errors import TrajectoryError
@@ -29,7 +30,7 @@ def trajectory(controls: int, scheme: str = "radau") -> rcp.Trajectory:
     return b.trajectory()
 
 
-@pytest.mark.parametrize(("controls", "columns"), [(0, 1), (3, 1), (4, 2), (5, 2)])
+@pytest.mark.parametrize(("controls", "columns"), [(0, 1), (3, 1), (4, 2)])
 def test_a_trajectory_has_a_panel_per_signal(controls: int, columns: int) -> None:
     figure = trajectory(controls).plot()
     panels = [axis for axis in figure.axes if axis.get_visible()]
@@ -65,19 +66,9 @@ def test_an_unknown_or_an_empty_choice_is_refused() -> None:
 # Pictures of results: what is drawn where, and refusals.
 
 
-def chain(index) -> pyo.ConcreteModel:
-    m = pyo.ConcreteModel(name="chain")
-    m.i = pyo.Set(initialize=index, dimen=None)
-    m.a = pyo.Var(m.i, bounds=(0, None), initialize=1)
-    m.b = pyo.Var(m.i, bounds=(0, None), initialize=1)
-    m.one = rcp.Complementarity(m.i, rule=lambda m, *i: rcp.complements(m.a[i], m.b[i]))
-    m.cost = pyo.Objective(expr=sum((m.a[i] - 1 - n) ** 2 + (m.b[i] - 1) ** 2 for n, i in enumerate(m.i)))
-    return m
-
-
 @pytest.fixture(scope="module")
 def result() -> rcp.SolveResult:
-    return rcp.solve(chain([0.1, 0.3, 0.2]))
+    return rcp.solve(corners({0.1: (1, 1), 0.3: (2, 1), 0.2: (3, 1)}))
 
 
 @pytest.mark.casadi

@@ -121,14 +121,6 @@ def test_a_variable_over_time_shows_its_range() -> None:
     assert str(b.position) == "cart.position"
 
 
-def test_all_that_a_phase_holds_shows_itself() -> None:
-    m = cart()  # a block does not keep its model alive
-    b = m.cart
-    for variable in b.component_objects(pyo.Var):
-        assert len(repr(variable)) < 200
-    assert "'cart.force'" in repr(b.force)
-
-
 @given(st.dictionaries(st.sampled_from(["initial", "final", "initial_guess"]), st.floats(-9, 9), min_size=1))
 def test_a_declaration_shows_what_was_given_and_can_be_read_back(given_values: dict[str, float]) -> None:
     declaration = rcp.State(**given_values)

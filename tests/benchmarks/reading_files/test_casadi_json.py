@@ -1,18 +1,14 @@
-"""JSON with functions of CasADi: both layouts are read, every operator means the same, and what is missing is said."""
+"""JSON with functions of CasADi: both layouts are read, and the model has the values of the file."""
 
 import json
 import math
 from pathlib import Path
 from typing import Any
 
-import pyomo.environ as pyo
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from mpcc_catalogue.point_check import check_point
 from problem_files import FileProblem, read_file
 
-from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.optional_imports import casadi
 
 pytestmark = pytest.mark.casadi
@@ -66,57 +62,3 @@ def test_both_layouts_are_read(layout: Any, tmp_path: Path) -> None:
     assert len(model.pairs) == 2
     again = check_point(model)
     assert (again.objective, again.natural) == (point.objective, point.natural)
-
-
-OPERATORS = {
-    "sq": lambda c, a, b: a**2, "power": lambda c, a, b: (1 + a * a) ** b,
-    "constant power": lambda c, a, b: (2 + a) ** 1.5,
-    "fmin": lambda c, a, b: c.fmin(a, b), "fmax": lambda c, a, b: c.fmax(a, b), "twice": lambda c, a, b: 2 * a,
-    "inverse": lambda c, a, b: 1 / (3 + a), "choice": lambda c, a, b: c.if_else(a < b, a, 2 * b),
-    "choice of an equal": lambda c, a, b: c.if_else(a <= b, a, b - 1), "sign": lambda c, a, b: c.sign(a) * b,
-    "log1p": lambda c, a, b: c.log1p(a * a), "expm1": lambda c, a, b: c.expm1(b),
-    "hypot": lambda c, a, b: c.hypot(a, b),
-    "fabs": lambda c, a, b: c.fabs(a - b), "negative": lambda c, a, b: -a, "quotient": lambda c, a, b: a / (b * b + 1),
-    **{name: (lambda c, a, b, name=name: getattr(c, name)(a / 4 + 0.1)) for name in (
-        "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "atanh", "exp", "floor", "ceil",
-    )},
-    "sqrt and log": lambda c, a, b: c.sqrt(a * a + 1) * c.log(b * b + 2), "acosh": lambda c, a, b: c.acosh(a * a + 1),
-}  # fmt: skip
-
-
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=30)
-@given(name=st.sampled_from(sorted(OPERATORS)), a=st.integers(-4, 4), b=st.integers(-4, 4))
-def test_operators_mean_the_same_in_the_model(name: str, a: int, b: int, tmp_path: Path) -> None:
-    """Judged, a file is evaluated by CasADi; the model is made of its instructions."""
-    w, p = symbols()
-    value = OPERATORS[name](casadi, w[0] / 2, w[1] / 2)
-    shared = value * p + w[2]  # used three times
-    problem = read(described(shared + shared**2, [shared], [w[1]], [w[2] + 1], w, p), tmp_path)
-    model = problem.model()
-    for variable, number in zip(model.x.values(), (a, b, 0.5), strict=True):
-        variable.set_value(number, skip_validation=True)
-    assert pyo.value(model.objective) == pytest.approx(problem.check([a, b, 0.5]).objective, rel=1e-12, abs=1e-12)
-    assert len(model.shared) >= 1
-
-
-def test_an_operator_that_pyomo_does_not_have_is_refused(tmp_path: Path) -> None:
-    w, p = symbols()
-    with pytest.raises(ModelError, match="operator"):
-        read(described(casadi.atan2(w[0], w[1]), [w[0]], [w[1]], [w[2]], w, p), tmp_path)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"G_fun": None}, "no problem with functions of CasADi"),
-        ({"lbw": [0, 0]}, "2 lower bounds, 3 upper bounds, 3 start values"),
-        ({"lbg": [0, 0]}, "1 rows with 2 lower and 1 upper bounds"),
-    ],
-)
-def test_what_does_not_fit_is_refused(change: dict[str, Any], message: str, tmp_path: Path) -> None:
-    w, p = symbols()
-    facts = described(w[0], [w[0]], [w[1]], [w[2]], w, p)
-    with pytest.raises(ModelError, match=message):
-        read({**facts, **change}, tmp_path)
-    with pytest.raises(ModelError, match="has no entry 'ubg'"):
-        read({name: value for name, value in facts.items() if name != "ubg"}, tmp_path)

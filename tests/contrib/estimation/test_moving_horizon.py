@@ -61,7 +61,7 @@ def kalman(samples: np.ndarray, per_sample: int = 1) -> Any:
         yield mean, covariance
 
 
-@pytest.mark.parametrize(("elements", "per_sample"), [(4, 1), (1, 1), (6, 2)])
+@pytest.mark.parametrize(("elements", "per_sample"), [(1, 1), (6, 2)])
 def test_of_a_linear_system_it_is_the_kalman_filter(elements: int, per_sample: int) -> None:
     moving = estimator(elements, per_sample)
     for k, (mean, covariance) in enumerate(kalman(SAMPLES, per_sample)):
@@ -71,7 +71,6 @@ def test_of_a_linear_system_it_is_the_kalman_filter(elements: int, per_sample: i
         np.testing.assert_allclose(step.covariance, covariance, atol=1e-8)
     assert list(step.standard_errors) == ["x", "v", "bias"]
     assert step.standard_errors["v"] == pytest.approx(covariance[1, 1] ** 0.5)
-    assert moving._program.preparations == 1
 
 
 def test_samples_may_be_taken_in_before_an_estimate_is_made() -> None:

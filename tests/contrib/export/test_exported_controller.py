@@ -67,7 +67,7 @@ def compiled(source: Path) -> Step:
 
 @pytest.mark.parametrize(
     ("parametrization", "scheme"),
-    [("collocated", "radau"), ("piecewise_constant", "radau"), ("piecewise_linear", "trapezoid")],
+    [("collocated", "radau"), ("piecewise_linear", "trapezoid")],
 )
 def test_plans_are_those_of_the_controller_in_python(parametrization: str, scheme: str, tmp_path: Path) -> None:
     m = regulator(parametrization, scheme)
@@ -96,17 +96,6 @@ def test_a_plan_that_fails_leaves_the_rest_of_the_one_before(tmp_path: Path) -> 
         assert (status in (0, 1)) == step.solved == (known["x"] < 1)
         np.testing.assert_allclose(plan, controller.program.compiled.current_point(), rtol=0, atol=1e-9)
     assert first.solved
-
-
-def test_an_option_that_ipopt_cannot_be_given_is_refused_by_an_export_as_by_a_step(tmp_path: Path) -> None:
-    m = regulator()
-    controller = rcp.studies.RecedingHorizon(m, m.ahead, options={"tol": [1e-6]})
-    refused = r"Ipopt option 'tol': the value \[1e-06\] is neither text nor a number"
-    with pytest.raises(ModelError, match=refused):
-        controller.step({"x": 0.5, "v": 0.2})
-    with pytest.raises(ModelError, match=refused):
-        export_controller(controller, tmp_path / "robot", advance=0.2)
-    assert not (tmp_path / "robot").exists()
 
 
 def test_what_cannot_be_exported_is_refused(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 import pickle
 
-import car_between_obstacles
 import numpy as np
 import pyomo.environ as pyo
 import pytest
@@ -11,31 +10,19 @@ import pyrobocop_pyomo as rcp
 from pyrobocop_pyomo.contrib.pyrobocop_classes.problem_class import ArrayToFill, column_array
 from pyrobocop_pyomo.errors import ModelError
 
-from . import native_models, problems
-
-EQUAL = {
-    "explicit Euler": (problems.SwingUp, "explicit", lambda: native_models.pendulum("explicit_euler")),
-    "midpoint": (problems.SwingUp, "legendre", lambda: native_models.pendulum("implicit_midpoint")),
-    "least time": (problems.QuickCart, "radau", native_models.quick_cart),
-    "pairs at lower and upper bounds, which vary": (problems.DeadZone, "radau", native_models.dead_zone),
-    "objects": (problems.Car, "radau", lambda: car_between_obstacles.build("one", elements=20)),
-}
+from . import problems
 
 
-@pytest.mark.ipopt
-@pytest.mark.parametrize(("problem", "roots", "native"), EQUAL.values(), ids=EQUAL)
-def test_a_class_is_the_native_model(problem, roots, native):
-    m, expected = rcp.from_pyrobocop(problem(), 1, roots), native()
-    m.phase.check()
-    for model in (m, expected):
-        (phase,) = rcp.phases_of(model)
-        if hasattr(phase, "avoid"):
-            phase.avoid.equations = False  # both on the mesh that is stated
-    solution, of_native = rcp.solve(m, mesh_tolerance=None), rcp.solve(expected, mesh_tolerance=None)
-    assert solution.solved
-    assert of_native.solved
-    assert solution.objective == pytest.approx(of_native.objective, rel=1e-6, abs=1e-7)
-    assert m.phase.trajectory().verify().largest_violation < 1e-6
+@pytest.mark.parametrize(
+    ("roots", "scheme"),
+    [("radau", "implicit_euler"), ("legendre", "implicit_midpoint"), ("explicit", "explicit_euler")],
+)
+def test_roots_are_those_of_the_scheme(roots, scheme):
+    found, expected = (
+        rcp.from_pyrobocop(problems.SwingUp(), 1, roots).phase.grid.scheme,
+        rcp.schemes.find_scheme(scheme),
+    )
+    assert (found.c.tolist(), found.A.tolist()) == (expected.c.tolist(), expected.A.tolist())
 
 
 def rows_at(b, t):
@@ -51,6 +38,7 @@ def rows_at(b, t):
 def test_rows_and_cost_are_what_the_class_says_of_the_solution_arrays(problem):
     given = problem()
     m = rcp.from_pyrobocop(given, given.points)
+    m.phase.check()
     b, generator = m.phase, np.random.default_rng(3)
     for variable in b.component_data_objects(pyo.Var):
         variable.set_value(generator.uniform(0.1, 0.9), skip_validation=True)

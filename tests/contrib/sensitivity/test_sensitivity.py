@@ -3,8 +3,6 @@
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from pyomo.mpec import Complementarity as MpecComplementarity
 from pyomo.mpec import complements as mpec_complements
 
@@ -149,38 +147,6 @@ def test_a_trajectory_with_contact():
     for variable, row in zip(found.variables, found.matrix, strict=True):
         assert row == pytest.approx(places[variable.name], rel=1e-5, abs=1e-6), variable.name
     assert found.objective_gradient == pytest.approx(smooth.objective_gradient, abs=1e-7)
-
-
-@given(
-    a=st.floats(0.5, 3.0),
-    b=st.floats(0.5, 3.0),
-    coupling=st.floats(-0.5, 0.5),
-    maximise=st.booleans(),
-)
-@settings(max_examples=12)
-def test_multipliers_of_pairs_say_how_the_objective_gets_worse(a, b, coupling, maximise):
-    """Hold the sides at a small positive number: re-solved, by the multiplier, and by the sensitivity."""
-    m = pyo.ConcreteModel()
-    m.lift = pyo.Param(initialize=0.0, mutable=True)
-    m.x, m.y = pyo.Var(bounds=(-9, 9), initialize=1), pyo.Var(bounds=(-9, 9), initialize=1)
-    # Both sides at once: the held one moves the objective, the other has the multiplier zero.
-    m.pair = rcp.Complementarity(expr=rcp.complements(m.x - m.lift >= 0, m.y - m.lift >= 0))
-    sign = -1 if maximise else 1
-    cost = (m.x - a) ** 2 + (m.y - b) ** 2 + coupling * m.x * m.y
-    m.cost = pyo.Objective(expr=sign * cost, sense=pyo.maximize if maximise else pyo.minimize)
-    result = rcp.solve(m, options=TIGHT)
-    (pair,) = result.pairs
-    if pair.active is ActiveSide.BIACTIVE:
-        return
-    multiplier = pair.first_multiplier + pair.second_multiplier
-    found = rcp.studies.sensitivity(m, result, m.lift)
-    assert sign * found.objective_derivative(m.lift) == pytest.approx(multiplier, rel=1e-5, abs=1e-6)
-    step = 1e-4
-    m.lift.set_value(step)
-    again = rcp.solve(m, options=TIGHT, strategies=("tight", "barrier"))
-    if again.pairs[0].active is not pair.active:
-        return  # the other branch has become the better one
-    assert sign * (again.objective - result.objective) / step == pytest.approx(multiplier, rel=1e-2, abs=1e-2)
 
 
 def test_prediction_is_first_order_and_takes_names_or_pairs():

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pyomo.environ as pyo
 import pytest
-from hypothesis import given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import pyrobocop_pyomo as rcp
@@ -68,11 +68,13 @@ def test_a_pose_is_free_as_far_as_its_exact_distance(pose: Any, corners: Any) ->
     hull = rcp.Polytope.hull(corners, allow_flat=True, radius=0.1, name="hull")
     for obstacle in (hull, REVERSE["obstacles"]["left"], REVERSE["obstacles"]["wall"]):
         exact = distance(pose, obstacle)
+        assume(abs(exact) > 1e-6)  # where both touch, rounding decides
         for clearance in (exact - 1e-6, exact + 1e-6):
             space = FreeSpace.around(CAR, [obstacle], max(clearance, 0.0), 30.0)
             assert are_free(space, np.array([pose])).tolist() == [max(clearance, 0.0) < exact]
 
 
+@settings(max_examples=30)
 @given(pose=st.tuples(places, st.floats(5, 10), angles), length=st.floats(-3, 3), curvature=st.floats(-0.25, 0.25))
 def test_a_motion_that_is_called_clear_is_clear_all_along(pose: Any, length: float, curvature: float) -> None:
     """Poses a metre apart, so that something could hide in between."""
@@ -81,7 +83,7 @@ def test_a_motion_that_is_called_clear_is_clear_all_along(pose: Any, length: flo
     steps = np.full(3, length / 3)
     motion = follow_arcs(np.array(pose), steps, np.full(3, curvature))
     clear = space.is_clear(motion[None], np.array([abs(curvature)]), np.array([abs(length) / 3]))[0]
-    between = follow_arc(np.array(pose), np.linspace(0, length, 61), np.full(61, curvature))
+    between = follow_arc(np.array(pose), np.linspace(0, length, 31), np.full(31, curvature))
     least = min(distance(each, obstacle) for each in between.tolist() for obstacle in obstacles) - 0.1
     if clear:
         assert least >= -1e-7
