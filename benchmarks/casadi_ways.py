@@ -43,10 +43,11 @@ WARM = {
 
 
 class Ended(NamedTuple):
-    """What a way tells of its answer; the iterations are those of all solves together."""
+    """What a way tells of its answer; iterations are of all solves together, elements where it chose them itself."""
 
     objective: float
     iterations: int
+    elements: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
