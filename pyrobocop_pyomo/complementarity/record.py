@@ -14,7 +14,7 @@ from pyomo.core.base.var import VarData
 
 from pyrobocop_pyomo.errors import ComplementarityError
 from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES, enclosing_blocks
-from pyrobocop_pyomo.modeling.bulk_parts import new_row, new_variable, put_part
+from pyrobocop_pyomo.modeling.pyomo_internals import new_row, new_variable, put_part
 
 from .forms import CanonicalForm, CanonicalPair
 

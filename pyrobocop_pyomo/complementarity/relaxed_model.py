@@ -12,6 +12,7 @@ from pyomo.core.expr.numvalue import value
 
 from pyrobocop_pyomo.errors import ComplementarityError
 from pyrobocop_pyomo.modeling.expressions import ExpressionBounds
+from pyrobocop_pyomo.modeling.pyomo_internals import put_bounds, stored_bounds
 
 from .forms import CanonicalPair, SidePart
 from .lifting import LiftedPair, SideVariable
@@ -83,7 +84,7 @@ def presolve(pairs: Sequence[LiftedPair], tolerance: float = 1e-7) -> list[SideV
 def fixed_at_zero(sides: Sequence[SideVariable]) -> Iterator[None]:
     """Hold the decided sides at zero by the bounds of their variables; afterwards these are as they were."""
     # The stored bounds and not `variable.upper`, which cannot tell a bound of its own from one of the domain.
-    before = [(side.variable, side.variable._lb, side.variable._ub) for side in sides]
+    before = [(side.variable, stored_bounds(side.variable)) for side in sides]
     try:
         for side in sides:
             variable, offset = side.variable, value(side.offset)
@@ -94,8 +95,8 @@ def fixed_at_zero(sides: Sequence[SideVariable]) -> Iterator[None]:
                 variable.setlb(offset if variable.lb is None else max(offset, variable.lb))
         yield
     finally:
-        for variable, lower, upper in reversed(before):
-            variable._lb, variable._ub = lower, upper
+        for variable, bounds in reversed(before):
+            put_bounds(variable, bounds)
 
 
 def _range(side: SideVariable, expression: Any, part: SidePart, intervals: ExpressionBounds) -> tuple[float, float]:

@@ -28,7 +28,7 @@ from pyomo.dae import DerivativeVar
 from pyomo.gdp import Disjunct
 
 from pyrobocop_pyomo.modeling.activity import enclosing_blocks
-from pyrobocop_pyomo.modeling.bulk_parts import new_row, put_part
+from pyrobocop_pyomo.modeling.pyomo_internals import new_row, put_part, put_rule
 from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, RowByRule, RowRule, add_rows_by_rule
 from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.templates.formula_rows import by_label
@@ -185,7 +185,7 @@ def write_rows(discretisation: Discretisation) -> None:
             for others in lines:
                 rule.write(rows, others)
             # Where pyomo.dae discretises another set later, it asks a rule for rows on the new lines.
-            rows._rule = Initializer(rule)
+            put_rule(rows, Initializer(rule))
 
 
 def _widths(state: Any, rate: Any, grid: Grid) -> list[Any]:

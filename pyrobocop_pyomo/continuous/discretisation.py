@@ -26,6 +26,7 @@ from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.expression_arrays import plain_scalar
 from pyrobocop_pyomo.modeling.failures import failures_as, undone_on_failure
+from pyrobocop_pyomo.modeling.pyomo_internals import parts_of, put_rule, stated_rule
 from pyrobocop_pyomo.modeling.shared_nodes import NodesOnce, variables_in_any, variables_read
 from pyrobocop_pyomo.numerics import Grid
 from pyrobocop_pyomo.transcription import quadrature
@@ -280,8 +281,8 @@ def undo_discretisation(discretisation: Discretisation) -> None:
     for spot in spots(domain.model()):
         axis = axis_on(spot.component, domain)
         if axis is not None and not spot.component.is_reference():
-            for index in [index for index in spot.component._data if axis.time(index) not in kept]:
-                del spot.component._data[index]
+            for index in [index for index in parts_of(spot.component) if axis.time(index) not in kept]:
+                del parts_of(spot.component)[index]
     for time in [time for time in domain if time not in kept]:
         domain.discard(time)
     domain._fe = sorted(kept)
@@ -338,7 +339,7 @@ def finalise(discretisation: Discretisation) -> None:
         if integral.ctype is Integral:  # pyomo.dae makes it an expression as well
             integral.parent_block().reclassify_component_type(integral, Expression)
         # The wrapped rule is not needed any more, and no pickle can hold it.
-        integral._rule = None
+        put_rule(integral, None)
 
 
 def integrals_along(spots: list[Spot], domain: Any) -> list[Any]:
@@ -360,7 +361,7 @@ def remember_integrand(integral: Any) -> None:
     """
     if not hasattr(integral, "integrand"):
         # pyomo.dae has no public way to the integrand; it lives in the environment of the wrapped rule.
-        wrapped = getattr(integral._rule, "_fcn", None)
+        wrapped = getattr(stated_rule(integral), "_fcn", None)
         integral.integrand = getattr(wrapped, "__globals__", {}).get("rule")
     if not callable(integral.integrand):
         raise ModelError(f"'{integral.name}': its integrand cannot be read; give it as rule=... a function.")
@@ -378,7 +379,7 @@ def integrate(integral: Any, discretisation: Discretisation) -> None:
             time: plain_scalar(rule(block, *before, time, *after), what) for time in discretisation.grid.points
         }
         value = quadrature(integrand.__getitem__, discretisation.grid.quadrature_weights)
-        if index in integral._data:
-            integral._data[index].set_value(value)
+        if index in parts_of(integral):
+            parts_of(integral)[index].set_value(value)
         else:
             integral._setitem_when_not_present(index, value)

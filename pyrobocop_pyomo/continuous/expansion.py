@@ -39,6 +39,7 @@ from pyomo.mpec import Complementarity as MpecComplementarity
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.failures import failures_as
+from pyrobocop_pyomo.modeling.pyomo_internals import parts_of, stated_rule
 from pyrobocop_pyomo.modeling.rows_by_rule import add_rows_by_rule
 from pyrobocop_pyomo.modeling.variable_values import within_bounds
 from pyrobocop_pyomo.templates.formula_rows import FormulaRows
@@ -71,7 +72,7 @@ def refuse_what_cannot_grow(spots: list[Spot], domain: Any) -> None:
                 f"'{component.name}': a {component.ctype.__name__} indexed by '{domain.name}' cannot be discretised. "
                 "Build it after the transformation."
             )
-        if component.ctype in (Constraint, *PAIRS) and len(component._data) > 0 and rule_of(component) is None:
+        if component.ctype in (Constraint, *PAIRS) and len(parts_of(component)) > 0 and rule_of(component) is None:
             raise ModelError(
                 f"'{component.name}': is indexed by '{domain.name}' but has no function as its rule, so that its rows "
                 "at new points are unknown. Give it rule=..., or build it after the transformation."
@@ -96,22 +97,22 @@ def expand(spots: list[Spot], domain: Any, points: tuple[float, ...]) -> None:
             if axis is None or (ctype in (Constraint, *PAIRS) and rule_of(component) is None):
                 continue
             known = {axis.others(index) for index in component}
-            all_inactive = len(component._data) > 0 and not any(
-                getattr(data, "active", True) for data in component._data.values()
+            all_inactive = len(parts_of(component)) > 0 and not any(
+                getattr(data, "active", True) for data in parts_of(component).values()
             )
-            new = [index for index in component.index_set() if index not in component._data]
+            new = [index for index in component.index_set() if index not in parts_of(component)]
             between = [index for index in new if axis.time(index) not in points] if ctype is Constraint else []
             said = rows_along(component, axis, points, between) if between else None
             if said is not None:
                 add_rows_by_rule(component, said, between)
             for index in new:
-                if index in component._data or (ctype is Var and axis.others(index) not in known):
+                if index in parts_of(component) or (ctype is Var and axis.others(index) not in known):
                     continue
                 with failures_at_new_point(component, index):
                     _make(component, index)
             for index in new if all_inactive else ():
-                if index in component._data:
-                    component._data[index].deactivate()
+                if index in parts_of(component):
+                    parts_of(component)[index].deactivate()
 
 
 class RowsAlong(FormulaRows):
@@ -197,7 +198,7 @@ def _make(component: Any, index: Any) -> None:
         _variable(component, index)
     elif ctype not in (Constraint, Expression):
         component._getitem_when_not_present(index)
-    elif (rule := component._rule) is not None:
+    elif (rule := stated_rule(component)) is not None:
         said = rule(component.parent_block(), index)
         if said is not ctype.Skip:
             component._setitem_when_not_present(index, said)
@@ -333,7 +334,7 @@ def _as_declared(data: Any) -> Any:
     component, index = data.parent_component(), data.index()
     _variable(component, index)
     declared = component[index]
-    component._data[index] = data
+    parts_of(component)[index] = data
     return declared
 
 

@@ -20,6 +20,7 @@ from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES
 from pyrobocop_pyomo.modeling.in_place_changes import expressions_of
+from pyrobocop_pyomo.modeling.pyomo_internals import stated_rule
 from pyrobocop_pyomo.modeling.rows_by_rule import RowByRule, sums_of
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in, variables_in_any
 from pyrobocop_pyomo.numerics import Grid
@@ -196,7 +197,7 @@ def rule_of(component: Any) -> Any:
     """The function, or the one value, that the data of a component are made by; None where there is none."""
     if isinstance(component, ConstraintList):
         return None  # never indexed by a set of the user's
-    rule = component._init_rule if component.ctype is MpecComplementarity else component._rule
+    rule = component._init_rule if component.ctype is MpecComplementarity else stated_rule(component)
     return None if rule is None or rule.contains_indices() else rule
 
 

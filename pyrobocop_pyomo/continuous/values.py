@@ -29,7 +29,7 @@ from pyomo.dae import ContinuousSet, DerivativeVar
 
 from pyrobocop_pyomo.complementarity import canonical_form, side_values
 from pyrobocop_pyomo.errors import TrajectoryError
-from pyrobocop_pyomo.modeling.bulk_parts import put_part
+from pyrobocop_pyomo.modeling.pyomo_internals import put_part
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.trajectories import Trajectory

@@ -24,6 +24,7 @@ from .expression_nodes import (
     kind_of_node,
 )
 from .functions import is_function_call
+from .pyomo_internals import function_of_call
 from .shared_nodes import NodesOnce
 
 
@@ -262,7 +263,7 @@ def _what(kind: int, node: Any) -> Any:
     if kind == RELATION:
         return comparison_name(node)
     if kind == CALL:
-        return node._fcn
+        return function_of_call(node)
     return "choose" if kind == CHOICE else None
 
 

@@ -15,6 +15,7 @@ from pyrobocop_pyomo.errors import EvaluationError, FunctionError
 
 from .expression_arrays import ArrayEntry, plain_entry
 from .expressions import is_indexed_component
+from .pyomo_internals import function_of_call
 
 logger = logging.getLogger(__name__)
 
@@ -398,12 +399,12 @@ def python_function_refused(label: str) -> str:
 
 def is_function_call(node: Any) -> bool:
     """Whether a node calls an output of a `Function`."""
-    return isinstance(node, ExternalFunctionExpression) and isinstance(node._fcn, FunctionOutput)
+    return isinstance(node, ExternalFunctionExpression) and isinstance(function_of_call(node), FunctionOutput)
 
 
 def function_called(node: Any) -> Any:
     """The `Function` of which a node calls an output; None for other nodes."""
-    return node._fcn.function if is_function_call(node) else None
+    return function_of_call(node).function if is_function_call(node) else None
 
 
 def central_differences(function: Callable[[FloatArray], FloatArray], points: FloatArray) -> FloatArray:

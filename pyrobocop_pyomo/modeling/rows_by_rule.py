@@ -16,7 +16,7 @@ from pyomo.core.base.constraint import ConstraintData
 from pyomo.core.base.expression import ExpressionData
 from pyomo.core.expr.numvalue import value
 
-from .bulk_parts import put_part
+from .pyomo_internals import put_part
 
 
 class RepeatedSum(NamedTuple):

@@ -26,7 +26,7 @@ from pyomo.core.expr.relational_expr import InequalityExpression
 from pyrobocop_pyomo.errors import ObstacleError
 from pyrobocop_pyomo.geometry import Polytope, Pose
 from pyrobocop_pyomo.geometry.poses import dot, is_number
-from pyrobocop_pyomo.modeling.bulk_parts import new_row
+from pyrobocop_pyomo.modeling.pyomo_internals import new_row, parts_of
 from pyrobocop_pyomo.motion.motion import Motion
 from pyrobocop_pyomo.motion.rules_along_motion import (
     RuleAlongMotion,
@@ -132,7 +132,7 @@ def remove_separations(block: Any, record: AvoidanceRecord, segments: Iterable[M
         return
     for component in block.component_map().values():
         if component.is_indexed() and component.ctype is not Set:
-            for key in [key for key in component._data if _belongs(key, removed)]:
+            for key in [key for key in parts_of(component) if _belongs(key, removed)]:
                 del component[key]
     for index in removed:
         block.separations.remove(index)

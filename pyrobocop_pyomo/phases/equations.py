@@ -20,8 +20,8 @@ from pyomo.core.expr.relational_expr import EqualityExpression, InequalityExpres
 from pyrobocop_pyomo.complementarity import Complementarity
 from pyrobocop_pyomo.errors import ModelError
 from pyrobocop_pyomo.modeling.activity import ONE_MODEL, foreign_read, foreign_variable
-from pyrobocop_pyomo.modeling.bulk_parts import new_row
 from pyrobocop_pyomo.modeling.expression_arrays import plain_expressions, plain_scalar
+from pyrobocop_pyomo.modeling.pyomo_internals import new_row
 from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, RowRule, add_rows_by_rule, sum_by_rule
 from pyrobocop_pyomo.modeling.rule_slips import slips_explained
 from pyrobocop_pyomo.modeling.shared_nodes import expressions_returned, variables_in_any

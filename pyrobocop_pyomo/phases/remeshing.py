@@ -26,8 +26,8 @@ from pyrobocop_pyomo.complementarity.record import records_below
 from pyrobocop_pyomo.errors import ModelError, TrajectoryError
 from pyrobocop_pyomo.modeling.activity import BLOCK_TYPES
 from pyrobocop_pyomo.modeling.blocks import BuiltBlockData
-from pyrobocop_pyomo.modeling.bulk_parts import put_part
 from pyrobocop_pyomo.modeling.in_place_changes import InPlaceChanges, expressions_of, state_anew
+from pyrobocop_pyomo.modeling.pyomo_internals import put_part
 from pyrobocop_pyomo.modeling.shared_nodes import variables_in_any
 from pyrobocop_pyomo.modeling.variable_values import within_bounds
 from pyrobocop_pyomo.numerics import Grid

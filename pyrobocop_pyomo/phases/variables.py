@@ -21,7 +21,7 @@ from pyomo.core.base.var import IndexedVar, Var
 from pyomo.core.expr.numvalue import NumericValue, native_numeric_types, value
 
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.modeling.bulk_parts import new_row
+from pyrobocop_pyomo.modeling.pyomo_internals import new_row
 from pyrobocop_pyomo.modeling.time_index import point_of
 from pyrobocop_pyomo.modeling.variable_values import within, within_bounds
 from pyrobocop_pyomo.numerics import Grid

@@ -27,6 +27,7 @@ from pyrobocop_pyomo.diagnosis.statements import unfinished_findings
 from pyrobocop_pyomo.errors import EvaluationError, FunctionError, ModelError
 from pyrobocop_pyomo.modeling.activity import ONE_MODEL, foreign_read, foreign_variable
 from pyrobocop_pyomo.modeling.functions import FunctionOutput, python_function_refused
+from pyrobocop_pyomo.modeling.pyomo_internals import function_of_call
 from pyrobocop_pyomo.modeling.rows_by_rule import RowByRule
 from pyrobocop_pyomo.modeling.shared_nodes import shared_value, topmost_nodes, variables_in
 
@@ -132,7 +133,7 @@ def refuse_function_calls(model: BlockData) -> None:
 
 def _functions_called(expressions: Iterable[Any]) -> Iterator[Any]:
     for node in topmost_nodes(expressions, lambda node: isinstance(node, ExternalFunctionExpression)):
-        yield node._fcn
+        yield function_of_call(node)
         yield from _functions_called(node.args)
 
 

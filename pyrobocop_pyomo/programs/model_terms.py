@@ -24,9 +24,9 @@ from pyomo.core.expr.numvalue import native_numeric_types
 
 from pyrobocop_pyomo.complementarity.preconditions import only_objective
 from pyrobocop_pyomo.errors import ModelError
-from pyrobocop_pyomo.modeling.bulk_parts import new_row, new_variable, put_part
 from pyrobocop_pyomo.modeling.expression_nodes import CONSTANT, DIVISION, LEAF, NAMED, NEGATION, PRODUCT, SUMMATION
 from pyrobocop_pyomo.modeling.functions import Function, FunctionOutput, is_function_call
+from pyrobocop_pyomo.modeling.pyomo_internals import function_of_call, new_row, new_variable, put_part
 from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, RowByRule, sum_by_rule, sums_of
 from pyrobocop_pyomo.modeling.shared_nodes import NodesOnce, topmost_nodes
 
@@ -84,9 +84,9 @@ class FunctionCalls(NodesOnce):
     def replacement(self, node: Any) -> VarData:
         """The variable that stands for a call."""
         self.of(node)
-        call, output = self._different[_key(node)], node._fcn.index
+        call, output = self._different[_key(node)], function_of_call(node).index
         if output not in call.outputs:
-            call.outputs[output] = self._new_variable(node._fcn.name)
+            call.outputs[output] = self._new_variable(function_of_call(node).name)
             call.ties[output] = self.tie(call.outputs[output], node)
         return call.outputs[output]
 
@@ -129,14 +129,14 @@ class FunctionCalls(NodesOnce):
             return highest
         key = _key(node)
         if key not in self._different:
-            self._different[key] = new = FunctionCall(node._fcn.function, tuple(node._args_), *highest)
+            self._different[key] = new = FunctionCall(function_of_call(node).function, tuple(node.args), *highest)
             self.calls.append(new)
         return (highest[0] + 1,)
 
 
 def _key(node: Any) -> tuple[Any, ...]:
-    output: FunctionOutput = node._fcn
-    arguments = [a if a.__class__ in native_numeric_types else (id(a),) for a in node._args_]
+    output: FunctionOutput = function_of_call(node)
+    arguments = [a if a.__class__ in native_numeric_types else (id(a),) for a in node.args]
     return (id(output.function), *arguments)
 
 
@@ -308,8 +308,8 @@ class Terms:
         """
         if isinstance(named, ExternalFunctionExpression):
             if not is_function_call(named):
-                if isinstance(named._fcn, PythonCallbackFunction):
-                    raise ModelError(f"an expression {external_function_refused(named._fcn.name)}")
+                if isinstance(function_of_call(named), PythonCallbackFunction):
+                    raise ModelError(f"an expression {external_function_refused(function_of_call(named).name)}")
                 raise not_vectorised(type(named))
             return self._calls.replacement(named)
         self.named_expressions[id(named)] = named

@@ -17,6 +17,7 @@ from pyomo.core.expr.numeric_expr import NegationExpression, SumExpression
 from pyrobocop_pyomo.errors import EvaluationError, ModelError
 from pyrobocop_pyomo.modeling.expression_nodes import ARRAY_FUNCTIONS, CALL
 from pyrobocop_pyomo.modeling.functions import is_function_call
+from pyrobocop_pyomo.modeling.pyomo_internals import function_of_call
 from pyrobocop_pyomo.modeling.row_violations import number_or_nan
 from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, RowByRule, content_of, sum_by_rule, sums_of
 from pyrobocop_pyomo.modeling.shared_nodes import topmost_nodes
@@ -141,7 +142,7 @@ def _content(node: Any) -> Any:
         return node.args[0]
     if not is_function_call(node):
         raise ModelError(f"'{node}' is a call.")
-    return node._fcn
+    return function_of_call(node)
 
 
 def largest_terms(expressions: Iterable[Any]) -> Array:

@@ -21,6 +21,7 @@ from pyomo.core.base.objective import Objective
 from pyomo.repn.plugins.nl_writer import TOL
 
 from pyrobocop_pyomo.errors import ModelError, SolverNotFoundError
+from pyrobocop_pyomo.modeling.pyomo_internals import parts_of
 from pyrobocop_pyomo.modeling.rows_by_rule import RowByRule, sum_by_rule
 
 from .asl_program import ASL_REMEDY
@@ -157,7 +158,7 @@ def _row_bounds(bounds: list[Any], unbounded: float) -> tuple[FloatArray, list[t
 def _rows_of(model: Any) -> list[Any]:
     """The rows and objectives of all active components."""
     components = model.component_objects((Constraint, Objective), active=True, descend_into=True)
-    return [data for component in components for data in component._data.values()]
+    return [data for component in components for data in parts_of(component).values()]
 
 
 def check_constant(constraint: Any) -> None:

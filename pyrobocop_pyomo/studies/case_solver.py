@@ -16,6 +16,7 @@ from pyomo.core.expr.numvalue import native_numeric_types
 from pyrobocop_pyomo.complementarity import active_sources, pairs_of
 from pyrobocop_pyomo.errors import KeywordError, ModelError, PyRobocopError, SolverNotFoundError
 from pyrobocop_pyomo.modeling.deadline import Deadline
+from pyrobocop_pyomo.modeling.pyomo_internals import put_bounds, stored_bounds
 from pyrobocop_pyomo.modeling.variable_values import Values, VariableValues
 from pyrobocop_pyomo.mpcc.active_set import Certificate
 from pyrobocop_pyomo.obstacles import ContainmentData, ObstacleAvoidanceBlockData
@@ -46,7 +47,7 @@ class ModelState(VariableValues):
     def __init__(self, model: Any) -> None:
         super().__init__(model.component_data_objects(Var))
         # The stored bounds: the public ones are joined with the domain's.
-        self._kept = [(variable, variable.fixed, variable._lb, variable._ub) for variable in self.variables]
+        self._kept = [(variable, variable.fixed, stored_bounds(variable)) for variable in self.variables]
         self._params = [
             (member, member.value)
             for param in model.component_objects(Param)
@@ -62,8 +63,9 @@ class ModelState(VariableValues):
             if is_there and member.value is not number and number is not None:
                 member.set_value(number)
         super().restore()
-        for variable, fixed, lower, upper in self._kept:
-            variable.fixed, variable._lb, variable._ub = fixed, lower, upper
+        for variable, fixed, bounds in self._kept:
+            variable.fixed = fixed
+            put_bounds(variable, bounds)
 
     def write(self, values: Sequence[float | None]) -> None:
         """Give the free variables values, in the order of `variables`."""

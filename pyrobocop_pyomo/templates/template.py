@@ -47,6 +47,7 @@ from pyrobocop_pyomo.modeling.expression_nodes import (
 from pyrobocop_pyomo.modeling.expression_steps import ExpressionSteps
 from pyrobocop_pyomo.modeling.expressions import same_expression
 from pyrobocop_pyomo.modeling.pickling import picklable_or_none
+from pyrobocop_pyomo.modeling.pyomo_internals import stated_rule
 from pyrobocop_pyomo.modeling.time_index import TimeIndex
 
 from .slots import Always, Item, NamedItem, Place, Slot, Time, is_on_indices
@@ -429,7 +430,7 @@ def _slot_of(node: Any, time: TimeTemplate, named: dict[Item, NamedItem]) -> Slo
         raise TemplateExpressionError(node, "an index is computed from the time")
     item = Item(component, tuple([None if key is time else key for key in keys]))
     # Pyomo has no public question for the rule that an Expression was made by.
-    rule = component._rule if component.ctype is Expression else None
+    rule = stated_rule(component) if component.ctype is Expression else None
     if not isinstance(rule, IndexedCallInitializer):
         return item
     if item not in named:

@@ -25,6 +25,7 @@ from pyrobocop_pyomo.complementarity import (
 )
 from pyrobocop_pyomo.diagnosis.findings import quoted
 from pyrobocop_pyomo.errors import EvaluationError, ModelError
+from pyrobocop_pyomo.modeling.pyomo_internals import stored_bounds
 from pyrobocop_pyomo.modeling.shared_nodes import NodeReplacement
 from pyrobocop_pyomo.numerics.rounding import MET
 from pyrobocop_pyomo.presentation import Presented
@@ -345,7 +346,7 @@ class ParametricModel:
             if variable.fixed:
                 continue
             # The stored bounds: the public ones are joined with the domain's, which cannot be differentiated.
-            for which, bound in (("lower", variable._lb), ("upper", variable._ub)):
+            for which, bound in zip(("lower", "upper"), stored_bounds(variable), strict=True):
                 new = self._substituted(bound)
                 if new is not bound:
                     self.moving_bounds.append((variable, which))

@@ -1,4 +1,4 @@
-"""Parts in bulk: rows, variables and parameters made without an index, then put into their components; or taken off.
+"""What Pyomo keeps to itself, and has no public way for: parts, rules, stored bounds, functions of calls.
 
 Pyomo's ways to add one index look up sets, rules and names each time. Whoever makes tens of thousands of parts makes
 them here, and adds them when nothing can fail any more.
@@ -32,6 +32,37 @@ def new_row(component: Any, index: Any, expression: Any) -> ConstraintData:
     row = ConstraintData(expression, component)
     put_part(component, index, row)
     return row
+
+
+def parts_of(component: Any) -> dict[Any, Any]:
+    """The parts that a component has, by index: none is made, as a default would be."""
+    parts: dict[Any, Any] = component._data
+    return parts
+
+
+def stated_rule(component: Any) -> Any:
+    """The rule that a component was stated by, as Pyomo wraps it; None where there is none."""
+    return component._rule
+
+
+def put_rule(component: Any, rule: Any) -> None:
+    """Let a component make parts by a rule that Pyomo has wrapped, or by none."""
+    component._rule = rule
+
+
+def function_of_call(node: Any) -> Any:
+    """The external function that an expression calls."""
+    return node._fcn
+
+
+def stored_bounds(variable: Any) -> tuple[Any, Any]:
+    """The bounds of a variable itself: the public ones are joined with those of its domain."""
+    return variable._lb, variable._ub
+
+
+def put_bounds(variable: Any, bounds: tuple[Any, Any]) -> None:
+    """Let a variable have bounds that it has had before."""
+    variable._lb, variable._ub = bounds
 
 
 def put_part(component: Any, index: Any, data: Any) -> None:
