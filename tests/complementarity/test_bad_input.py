@@ -48,6 +48,7 @@ PAIRS: dict[str, tuple[Callable[[Any], Any], str]] = {
         lambda m: (between(0, m.free, 1), between(0, m.x[1], m.p)),
         "four finite bounds, where two are needed.*make the bounds of that side a Constraint",
     ),
+    "four by own bounds": (lambda m: (between(0, m.free, 1), m.box), "four finite bounds.*second_bound='free'"),
     "boxed variable against one bound": (
         lambda m: (m.box, m.x[1] >= 0),
         "one is meant. Write 'box >= 0' or 'box <= 1'",
@@ -58,6 +59,7 @@ PAIRS: dict[str, tuple[Callable[[Any], Any], str]] = {
     "bound beyond everything": (lambda m: (m.free >= INF, m.x[1] >= 0), "lower bound inf, which no value can meet"),
     "side None": (lambda m: (None, m.x[1] >= 0), "the constant None.*Complementarity.Skip"),
     "parameter": (lambda m: (m.p >= 0, m.x[1] >= 0), "holds no variable.*Leave the pair out"),
+    "parameter in a range": (lambda m: (between(0, m.p, 1), m.x[1]), "holds no variable.*Leave the pair out"),
     "equality against one bound": (lambda m: (m.free == 0, m.x[1] >= 0), "equality.*Make it a Constraint"),
     "bound that is a variable": (lambda m: (between(0, m.free, m.x[1]), m.box), "holds a variable.*Write two pairs"),
     "crossed range": (lambda m: (between(2, m.free, m.p), m.x[1] - 1), "bounds 2 and 1, which contradict"),
@@ -89,7 +91,7 @@ PAIRS: dict[str, tuple[Callable[[Any], Any], str]] = {
 # What no bound and no value can make right; the rest is refused when the model is relaxed.
 AT_ONCE = {
     "four finite bounds", "strict inequality", "bare expression against one bound", "side None",
-    "parameter", "equality against one bound", "bound that is a variable",
+    "parameter", "parameter in a range", "equality against one bound", "bound that is a variable",
     "object", "chosen bound of a relation", "either_zero of a bare expression", "either_zero against a relation",
     "unknown word for a bound", "tuple of three", "no pair",
 }  # fmt: skip

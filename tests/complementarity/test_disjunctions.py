@@ -24,6 +24,7 @@ from pyrobocop_pyomo.complementarity import (
     shifted_rows_of,
     sources_of,
 )
+from pyrobocop_pyomo.complementarity.lifting import side_variable
 from pyrobocop_pyomo.errors import ComplementarityError
 
 from .harness import RELAX, deactivate_pairs, nl_text, state, text_without_pairs
@@ -239,6 +240,14 @@ def mixed(values=(2.0, 3.0, 1.0)):
     m.curved = Complementarity(expr=complements(m.x * m.y >= 1, m.z <= 4))
     m.cost = pyo.Objective(expr=m.x + m.y**2)
     return m
+
+
+@pytest.mark.parametrize(
+    "build",
+    [lambda m: 2 * m.x, lambda m: m.x + m.y, lambda m: m.p * m.x, lambda m: m.x**2, lambda m: m.x * m.y - 1],
+)
+def test_a_multiple_a_sum_or_a_curve_is_no_variable(build):
+    assert side_variable(build(mixed())) is None
 
 
 def test_only_sides_that_are_no_variables_are_lifted_and_their_products_are_bilinear():

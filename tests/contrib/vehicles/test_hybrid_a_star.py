@@ -53,7 +53,9 @@ def assert_ends(path: CarPath, start: Any, goal: Any) -> None:
     assert np.abs(np.diff(path.poses[:, 2])).max() < 0.5  # no jump by a turn
 
 
-@pytest.mark.parametrize(("scene", "clearance"), [(REVERSE, 0.15), (PARALLEL, 0.05)], ids=["reverse", "parallel"])
+@pytest.mark.parametrize(
+    ("scene", "clearance"), [(REVERSE, 0.15), (PARALLEL, 0.05), (PARALLEL, 0.15)], ids=["reverse", "parallel", "close"]
+)
 def test_a_car_is_parked(scene: Any, clearance: float) -> None:
     path = park(scene=scene, clearance=clearance)
     assert least_distance(path, scene["obstacles"]) >= clearance - ROUNDING
@@ -66,7 +68,7 @@ def test_a_car_is_parked(scene: Any, clearance: float) -> None:
     assert y.max() <= 10
     # No path is shorter than the straight line, and a good one has no detour of the size of the scene.
     assert math.dist(START[:2], scene["goal"][:2]) < path.length < 17
-    assert path.cusps <= (1 if scene is REVERSE else 3)
+    assert path.cusps <= (1 if scene is REVERSE else 3 if clearance == 0.05 else 5)
 
 
 @pytest.mark.parametrize("scene", [REVERSE, PARALLEL], ids=["reverse", "parallel"])

@@ -132,7 +132,7 @@ def test_an_end_that_is_whole_turns_away_is_told(caplog: pytest.LogCaptureFixtur
 
 
 def test_a_car_turns_the_way_that_its_last_heading_says() -> None:
-    last = math.pi  # the easiest path ends half a turn the other way
+    last = -math.pi  # the easiest path ends half a turn the other way
     m = from_rear_axle(start=(-4, 9.5, 0), goal=(-8, 9, last))
     car = recognised_car(m.d.avoid)
     assert car is not None
