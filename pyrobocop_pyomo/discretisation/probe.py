@@ -26,14 +26,13 @@ from pyomo.core.base.var import Var
 from pyomo.core.expr.calculus.derivatives import Modes, differentiate
 from pyomo.core.expr.calculus.diff_with_pyomo import DifferentiationException
 from pyomo.core.expr.numeric_expr import NegationExpression, SumExpression
-from pyomo.core.expr.numvalue import value
 from pyomo.dae import ContinuousSet
 
 from pyrobocop_pyomo.complementarity.pairs import PAIR_TYPES
 from pyrobocop_pyomo.continuous.structure import open_sets, spots
 from pyrobocop_pyomo.errors import PyRobocopError, TrajectoryError
 from pyrobocop_pyomo.modeling.blocks import blocks_of_kind
-from pyrobocop_pyomo.modeling.rows_by_rule import sum_by_rule
+from pyrobocop_pyomo.modeling.row_violations import value_of_sum
 from pyrobocop_pyomo.modeling.shared_nodes import NodeReplacement, variables_in_any
 from pyrobocop_pyomo.numerics import Array
 from pyrobocop_pyomo.numerics.rounding import MET
@@ -54,7 +53,6 @@ from pyrobocop_pyomo.phases.phase_values import PhaseValues
 from pyrobocop_pyomo.phases.record import Statement
 from pyrobocop_pyomo.phases.reintegration import reintegrate
 from pyrobocop_pyomo.phases.rule_formulas import RuleFormulas, asked_by_point, read_inside_elements
-from pyrobocop_pyomo.programs.row_values import NamedSum
 from pyrobocop_pyomo.trajectories import Trajectory
 
 from .estimates import SMALL_MOTION_ERROR, DiscretisationEstimate, PhaseEstimate, size_of_objective
@@ -184,8 +182,7 @@ def integral_weights(model: Any, phases: Sequence[Any], found: RowMultipliers) -
     reading = [term for term in terms if not wanted.isdisjoint(variables_in_any([term[1]], leaves=wanted))]
     every = [member for of_phase in members.values() for member in of_phase]
     scratch = ConcreteModel()
-    values = [float(value(part)) if sum_by_rule(part) is None else NamedSum(part).value() for part in every]
-    scratch.gained = Var(range(len(every)), initialize=values)
+    scratch.gained = Var(range(len(every)), initialize=list(map(value_of_sum, every)))
     gained = list(scratch.gained.values())
     in_their_place = NodeReplacement(dict(zip(map(id, every), gained, strict=True)))
     total = np.zeros(len(every))

@@ -10,11 +10,15 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from pyomo.core.base.constraint import Constraint, ConstraintData
 from pyomo.core.expr.numeric_expr import DivisionExpression, Expr_ifExpression, PowExpression, UnaryFunctionExpression
 from pyomo.core.expr.numvalue import native_numeric_types
 from pyomo.core.expr.relational_expr import RelationalExpression
 
+from .expression_nodes import ARRAY_FUNCTIONS
+from .expression_steps import ExpressionSteps
+from .rows_by_rule import sum_by_rule
 from .shared_nodes import NodesOnce, shared_value, variables_in
 
 
@@ -28,6 +32,31 @@ def number_or_nan(expression: Any, known: Mapping[int, float] | None = None) -> 
         return math.nan if number is None or isinstance(number, complex) else float(number)
     except (ArithmeticError, ValueError, TypeError):
         return math.nan
+
+
+def value_of_sum(part: Any) -> float:
+    """Value of a named expression that follows a rule; NaN where it has none.
+
+    Its summands are evaluated as arrays. Where three of them differ from what Pyomo has for them, all are Pyomo's.
+    """
+    by_rule = sum_by_rule(part)
+    if by_rule is None:
+        return number_or_nan(part)
+    repeated = by_rule.repeated()
+    arrays = {id(alike[0]): np.array([leaf.value for leaf in alike], dtype=float) for alike in repeated.variables}
+    if len(arrays) < len(repeated.variables):
+        return number_or_nan(part)  # two of the variables are one at the first place
+    try:
+        with np.errstate(divide="raise", over="raise", invalid="raise"):
+            (summands,) = ExpressionSteps([repeated.expression(0)]).evaluate_at(arrays, ARRAY_FUNCTIONS)
+    except (ArithmeticError, ValueError, TypeError):
+        return number_or_nan(part)
+    summands = np.broadcast_to(summands, len(repeated.rows))
+    places = [0, len(repeated.rows) // 2, -1]
+    stated = [number_or_nan(repeated.expression(range(len(repeated.rows))[place])) for place in places]
+    if not np.allclose(summands[places], stated, atol=0.0, equal_nan=True):
+        return number_or_nan(part)
+    return float(np.dot(repeated.scales, summands))
 
 
 def bound_violation(number: float, lower: float | None, upper: float | None) -> float:

@@ -140,11 +140,11 @@ def sum_by_rule(node: Any) -> SumByRule | None:
     return held if held.__class__ is SumByRule else None
 
 
-def put_arguments(part: ExpressionData, held: Any) -> None:
-    """Let a named expression hold what it has held before, or a sum that follows a rule."""
-    part._args_ = held
-    if held.__class__ is SumByRule:
-        held.forget()
+def put_arguments(part: ExpressionData, arguments: Any) -> None:
+    """Let a named expression stand for what it has stood for before, or for a sum that follows a rule."""
+    part._args_ = arguments
+    if arguments.__class__ is SumByRule:
+        arguments.forget()
 
 
 def add_rows_by_rule(component: Any, rule: RowRule, indices: Iterable[Any]) -> None:

@@ -356,7 +356,8 @@ def named_integral(block: Any, integrand: Rule) -> Any:
         return _integral(block, statement)
     found, is_read_later = _answers(block, statement, lambda time: {None: _summand(block, statement, time)})
     if is_read_later and not record.free_widths:
-        return hand_out(block, INTEGRALS, record.integrals, statement, IntegralRule())
+        scale, _ = quadrature_weights(block)
+        return hand_out(block, INTEGRALS, record.integrals, statement, IntegralRule(scale))
     total = _integral(block, statement, {} if is_read_later else found)
     if total.__class__ in native_numeric_types:
         return total
@@ -364,17 +365,26 @@ def named_integral(block: Any, integrand: Rule) -> Any:
 
 
 class IntegralRule(RowRule):
-    """What the integrals that a phase has handed out are, by their positions."""
+    """What an integral that a phase has handed out is, by its position.
+
+    Parameters
+    ----------
+    scale : Var, Expression or float
+        A factor of the whole: a component of the horizon, which a transformation may rename.
+    """
+
+    def __init__(self, scale: Any) -> None:
+        self._scale = scale
 
     def __call__(self, block: Any, index: int) -> Any:
         """The sum over the points."""
-        return _integral(block, block.record.integrals[index - 1])
+        statement, weights = block.record.integrals[index - 1], block.record.grid.quadrature_weights
+        return _scaled(self._scale, quadrature(lambda time: _summand(block, statement, time), weights))
 
     def sums(self, block: Any, indices: list[int]) -> list[RepeatedSum]:
         """The integrand at all points."""
-        (scale, weights), found = quadrature_weights(block), []
+        scale, weights, found = self._scale, block.record.grid.quadrature_weights, []
         times, is_free = list(weights), scale.__class__ not in native_numeric_types
-        factor = 1.0 if is_free else scale
         for position, index in enumerate(indices):
             statement = block.record.integrals[index - 1]
             formulas: Any = statement.rule.formulas(block)
@@ -386,7 +396,7 @@ class IntegralRule(RowRule):
                 of_time = _summand(block, statement, times[place])
                 return scale * of_time if is_free else of_time
 
-            scales = [factor * weight for weight in weights.values()]
+            scales = [(1.0 if is_free else scale) * weight for weight in weights.values()]
             found.append(RepeatedSum([position] * len(times), scales, variables, summand))
         return found
 
@@ -424,8 +434,11 @@ def _integral(block: Any, statement: Statement, known: Mapping[float, Any] = Map
     """The sum over the points; of some the integrand may be known, as the rows of `_answers`."""
     scale, weights = quadrature_weights(block)
     total = quadrature(lambda time: known[time][None] if time in known else _summand(block, statement, time), weights)
-    plain = isinstance(scale, float) and scale == 1.0
-    return total if plain else scale * total
+    return _scaled(scale, total)
+
+
+def _scaled(scale: Any, total: Any) -> Any:
+    return total if isinstance(scale, float) and scale == 1.0 else scale * total
 
 
 def _index(time: float, label: Hashable) -> Hashable:

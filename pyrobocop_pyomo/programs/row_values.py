@@ -22,7 +22,6 @@ from pyrobocop_pyomo.modeling.row_violations import number_or_nan
 from pyrobocop_pyomo.modeling.rows_by_rule import RepeatedSum, RowByRule, content_of, sum_by_rule, sums_of
 from pyrobocop_pyomo.modeling.shared_nodes import topmost_nodes
 from pyrobocop_pyomo.numerics import Array
-from pyrobocop_pyomo.numerics.rounding import NEGLIGIBLE
 
 from .model_checks import number_in
 from .term_groups import Columns, NodeKinds, NonlinearTerm, TermGroup, TermGroups, decoded, repetitions
@@ -37,11 +36,9 @@ class RowValues:
     ----------
     expressions : sequence of expressions, variables or numbers
         Rows and sums that follow a rule stand for themselves.
-    sums : sequence of RepeatedSum, optional
-        What all of them are the sums of.
     """
 
-    def __init__(self, expressions: Sequence[Any], sums: Sequence[RepeatedSum] | None = None) -> None:
+    def __init__(self, expressions: Sequence[Any]) -> None:
         self._expressions = expressions
         self._columns = Columns()
         kinds = NodeKinds()
@@ -50,13 +47,13 @@ class RowValues:
         self._single: Sequence[int] = ()
         with PauseGC():
             try:
-                for i, expression in enumerate(expressions if sums is None else ()):
+                for i, expression in enumerate(expressions):
                     if (by_rule := sum_by_rule(expression)) is not None:
                         repeated = by_rule.repeated()
                         self._put_repeated(repeated._replace(rows=[i] * len(repeated.rows)))
                     elif expression.__class__ is not RowByRule:
                         self._groups.put(NonlinearTerm((expression,)), [i], [1.0], {})
-                for repeated in sums_of(expressions) if sums is None else sums:
+                for repeated in sums_of(expressions):
                     self._put_repeated(repeated)
             except ModelError:  # something that arrays do not know: an external function
                 self._groups.clear()
@@ -95,45 +92,6 @@ class RowValues:
 
     def _alone(self, i: int) -> float:
         return number_or_nan(content_of(self._expressions[i]))
-
-
-class _Summands(Sequence[Any]):
-    """The summands of a repeated sum, each made when it is read."""
-
-    def __init__(self, repeated: RepeatedSum) -> None:
-        self._repeated = repeated
-
-    def __len__(self) -> int:
-        return len(self._repeated.rows)
-
-    def __getitem__(self, place: Any) -> Any:
-        return self._repeated.scales[place] * self._repeated.expression(place)
-
-
-class NamedSum:
-    """Evaluates a named expression that follows a rule: its summands as arrays, compared with three as Pyomo has them.
-
-    Parameters
-    ----------
-    part : ExpressionData
-        Which follows a rule.
-    """
-
-    def __init__(self, part: Any) -> None:
-        by_rule = sum_by_rule(part)
-        assert by_rule is not None
-        self._part, repeated = part, by_rule.repeated()
-        summands = _Summands(repeated)
-        self._values = RowValues(summands, [repeated._replace(rows=list(range(len(summands))))])
-        self._witnesses = {k: summands[k] for k in {0, len(summands) // 2, len(summands) - 1}}
-
-    def value(self) -> float:
-        """Its value now; NaN where it has none."""
-        values = self._values.values()
-        stated = {k: number_or_nan(summand) for k, summand in self._witnesses.items()}
-        if not np.allclose(values[list(stated)], list(stated.values()), rtol=NEGLIGIBLE, equal_nan=True):
-            return number_or_nan(self._part)  # the arrays are not what the rule says
-        return float(values.sum())
 
 
 def _content(node: Any) -> Any:

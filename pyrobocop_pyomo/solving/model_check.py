@@ -14,11 +14,11 @@ from pyomo.core.base.var import Var
 
 from pyrobocop_pyomo.complementarity import CanonicalPair, active_sources, canonical_form
 from pyrobocop_pyomo.modeling.expressions import ExpressionBounds
-from pyrobocop_pyomo.modeling.row_violations import number_or_nan, relation_violation
+from pyrobocop_pyomo.modeling.row_violations import number_or_nan, relation_violation, value_of_sum
 from pyrobocop_pyomo.modeling.rows_by_rule import RowByRule, bounds_of, content_of, rows_by_component, sum_by_rule
 from pyrobocop_pyomo.modeling.shared_nodes import topmost_nodes
 from pyrobocop_pyomo.numerics.rounding import MET, ROUNDING
-from pyrobocop_pyomo.programs.row_values import NamedSum, RowValues, VariableBounds, largest_terms
+from pyrobocop_pyomo.programs.row_values import RowValues, VariableBounds, largest_terms
 
 from .ipopt_options import IPOPT_TOLERANCE
 from .iterates import Tolerances
@@ -54,14 +54,12 @@ class ModelCheck:
         objectives = list(model.component_data_objects(Objective, active=True))
         self.sign = -1.0 if len(objectives) == 1 and not objectives[0].is_minimizing() else 1.0
         self._objective = objectives[0].expr if len(objectives) == 1 else 0.0
-        sums = topmost_nodes([self._objective], lambda node: sum_by_rule(node) is not None)
-        self._sums = {id(part): NamedSum(part) for part in sums}
+        self._sums = list(topmost_nodes([self._objective], lambda node: sum_by_rule(node) is not None))
         self._bodies: RowValues | None = None
 
     def objective(self) -> float:
         """The user's objective; NaN where it has no value."""
-        known = {part: named.value() for part, named in self._sums.items()}
-        return number_or_nan(self._objective, known=known)
+        return number_or_nan(self._objective, known={id(part): value_of_sum(part) for part in self._sums})
 
     def violated(self, tolerances: Tolerances) -> list[Violation]:
         """Constraints and bounds that do not hold within the tolerance of feasibility."""
