@@ -264,7 +264,10 @@ def _show_values(root: Any, rows: HoldingRows, discretisation: Discretisation) -
 
 
 def undo_discretisation(discretisation: Discretisation) -> None:
-    """Remove everything that was added for a set before its derivatives are substituted."""
+    """Take a discretisation back, before derivatives are substituted.
+
+    The set and its components are as before, except what the user has fixed since.
+    """
     domain = discretisation.domain
     for block in discretisation.generated:
         block.parent_block().del_component(block)

@@ -273,7 +273,7 @@ class HoldingRows:
         return True
 
     def _is_initial(self, variables: list[Any]) -> bool:
-        """Whether the candidates among variables stand at the first point of the set."""
+        """Whether all of these variables that are candidates belong to the first point of the set."""
         places = (self.candidates.get(id(variable)) for variable in variables)
         return all(place is None or self.is_first(place[1]) for place in places)
 

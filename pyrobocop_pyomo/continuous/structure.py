@@ -125,7 +125,7 @@ class Axis(NamedTuple):
         return index[: self.position] + index[self.position + 1 :]
 
     def join(self, others: Any, time: Any) -> Any:
-        """The index made of the rest and a point."""
+        """The index of a component at a point, from the rest of the index that `others` gives."""
         return time if others is None else (*others[: self.position], time, *others[self.position :])
 
 

@@ -410,9 +410,10 @@ class _Parts:
         return not ((high - low).max(axis=1, initial=0.0) <= lengths).all()
 
     def hidden(self, least: Array) -> int | None:
-        """Place of a step that goes beyond its values at two instants by more than is to be seen; None without any.
+        """Place of a step that leaves the range of its values at two instants, between them, by more than `least`.
 
-        Between the two is a third one: what is narrow, and happens to be met there, is narrow all the same.
+        None where there is none. Between the two instants is a third one, so that a narrow peak counts also where an
+        instant happens to meet it.
         """
         low, high, first, last = self._on_samples()
         low, high = np.fmin(low[:, :-1], low[:, 1:]), np.fmax(high[:, :-1], high[:, 1:])

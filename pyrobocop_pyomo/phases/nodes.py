@@ -63,7 +63,7 @@ class Nodes:
 
     @cached_property
     def of_points(self) -> NDArray[np.int64]:
-        """Which value is seen at each collocation point."""
+        """Number of the value that holds at each collocation point."""
         return np.arange(len(self.grid.points))
 
     @property

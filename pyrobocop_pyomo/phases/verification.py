@@ -184,10 +184,10 @@ class Verification(Presented):
             "motion inside elements": self.motion_error,
             "integrals, re-integrated": self.integral_error,
         }
-        return {what: "not available" if number is None else f"{number:.2e}" for what, number in numbers.items()}
+        return {check: "not available" if number is None else f"{number:.2e}" for check, number in numbers.items()}
 
     def __str__(self) -> str:
-        lines = [f"{what:27} {number}" for what, number in self._rows().items()]
+        lines = [f"{check:27} {number}" for check, number in self._rows().items()]
         return "\n".join([*lines, *self.remarks, self.verdict])
 
 

@@ -165,7 +165,7 @@ class _FinerMeshes:
         self._left = max(SMALL_EFFORT, EFFORT * self._elements * first.iterations)
 
     def best(self) -> SolveResult:
-        """Go on until the tolerance is met or nothing helps; the model holds the best answer, which is returned."""
+        """Refine until the tolerance is met or nothing helps; return the best answer, which is on the model."""
         loop, best = MeshLoop(self._model), self._results[0]
         # Where a few elements had no solution, twice as many may.
         halved = not _is_optimal(best)

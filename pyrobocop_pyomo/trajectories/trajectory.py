@@ -451,7 +451,7 @@ class Trajectory(Presented):
 
 
 class _Values(dict[str, Any]):
-    """Values by name; those of vectors and matrices are put together when they are requested."""
+    """Values by name; the values of a vector or matrix are stacked from its members' when they are first requested."""
 
     def __init__(self, families: Mapping[str, FamilyNames], values: Mapping[str, Any]) -> None:
         super().__init__(values)
