@@ -1,6 +1,7 @@
-"""A team that no example has, as a user writes it: from defaults it plans as well as one planner for all."""
+"""Teams that no example has, as a user writes them: from defaults they plan as well as one planner for all."""
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import pyomo.environ as pyo
@@ -10,8 +11,9 @@ import pyrobocop_pyomo as rcp
 
 pytestmark = pytest.mark.casadi
 
-DRONES = tuple(f"drone {i}" for i in range(6))
+DRONES, TRUCKS = (tuple(f"{kind} {i}" for i in range(count)) for kind, count in (("drone", 6), ("truck", 5)))
 FLIGHT = {"duration": 2.0, "elements": 12}
+ROAD = {"duration": 60.0, "elements": 20}
 
 
 def drone(name: str) -> pyo.ConcreteModel:
@@ -52,8 +54,55 @@ def drones() -> rcp.Team:
     )
 
 
-def test_a_new_team_plans_as_well_as_one_planner_from_defaults() -> None:
-    team = drones()
+def start_of(name: str) -> float:
+    return -25.0 * TRUCKS.index(name)
+
+
+def truck(name: str) -> pyo.ConcreteModel:
+    """Over hills, the heavier the later."""
+    m, mass = pyo.ConcreteModel(name=name), 1.0 + 0.3 * TRUCKS.index(name)
+    m.at = rcp.PhaseBlock([name], rule=place, **ROAD)
+    m.me = b = rcp.PhaseBlock(**ROAD)
+    b.v = rcp.State(initial=15, final=15, bounds=(5, 25))
+    b.f = rcp.Control(bounds=(-3, 2))
+    m.at[name].ode(lambda at, t: {at.s: b.v[t]})
+    hill = 9.81 * 0.03
+    b.ode(lambda b, t: {b.v: b.f[t] / mass - hill * pyo.sin(m.at[name].s[t] / 48.0) - 5e-4 * b.v[t] ** 2})
+    m.at[name].initialize_straight_lines()
+    m.cost = pyo.Objective(expr=b.integral(lambda b, t: b.f[t] ** 2 / mass))
+    return m
+
+
+def place(at: Any, name: str) -> None:
+    at.s = rcp.State(initial=start_of(name), final=900.0 + start_of(name))
+
+
+def road() -> pyo.ConcreteModel:
+    m = pyo.ConcreteModel(name="road")
+    m.at = rcp.PhaseBlock(TRUCKS, rule=place_with_speed, **ROAD)
+    places, points = list(m.at.values()), list(m.at[TRUCKS[0]].points)
+    m.gap = pyo.Constraint(
+        range(len(TRUCKS) - 1), points, rule=lambda m, i, t: places[i].s[t] - places[i + 1].s[t] >= 20.0
+    )
+    m.cost = pyo.Objective(expr=0.0)
+    return m
+
+
+def place_with_speed(at: Any, name: str) -> None:
+    place(at, name)
+    at.speed = rcp.Control()
+    at.ode(lambda at, t: {at.s: at.speed[t]})
+    at.initialize_straight_lines()
+
+
+def trucks() -> rcp.Team:
+    robots = [rcp.Agent(name, truck, name) for name in TRUCKS]
+    return rcp.Team(hub=rcp.Agent("road", road), robots=robots, shared=[rcp.Shared("at[{robot}].s")])
+
+
+@pytest.mark.parametrize("make", [drones, trucks])
+def test_a_new_team_plans_as_well_as_one_planner_from_defaults(make: Callable[[], rcp.Team]) -> None:
+    team = make()
     central = rcp.solve(team.central().model, progress=False, mesh_tolerance=None)
     result = team.solve(progress=False)
     assert result.success, str(result)
