@@ -51,9 +51,9 @@ def value_of_sum(part: Any) -> float:
             (summands,) = ExpressionSteps([repeated.expression(0)]).evaluate_at(arrays, ARRAY_FUNCTIONS)
     except (ArithmeticError, ValueError, TypeError):
         return number_or_nan(part)
-    summands = np.broadcast_to(summands, len(repeated.rows))
-    places = [0, len(repeated.rows) // 2, -1]
-    stated = [number_or_nan(repeated.expression(range(len(repeated.rows))[place])) for place in places]
+    count = len(repeated.rows)
+    summands, places = np.broadcast_to(summands, count), [0, count // 2, count - 1]
+    stated = [number_or_nan(repeated.expression(place)) for place in places]
     if not np.allclose(summands[places], stated, atol=0.0, equal_nan=True):
         return number_or_nan(part)
     return float(np.dot(repeated.scales, summands))

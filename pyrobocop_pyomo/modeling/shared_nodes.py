@@ -30,12 +30,10 @@ def variables_in(expression: Any, include_fixed: bool = True) -> Iterator[Any]:
 
 
 def _leaves_or_arguments(node: Any) -> Sequence[Any]:
-    """What is below a node; all leaves of a sum that follows a rule and that nobody has read."""
-    below: Sequence[Any] = node.args
-    if below.__class__ in (tuple, list) or not hasattr(below, "leaves"):
-        return below
-    leaves: list[Any] = below.leaves()
-    return leaves
+    """What is below a node; of a sum that follows a rule, which is not made, all variables and parameters."""
+    below: Any = node.args
+    arguments: Sequence[Any] = below.leaves() if hasattr(below, "leaves") else below
+    return arguments
 
 
 def topmost_nodes(

@@ -86,10 +86,18 @@ class Stated(NamedTuple):
     def of(cls, component: Any) -> Stated:
         """What it holds now."""
         parts = {} if component.ctype is Var else dict(component.items())
-        by_rule = {index for index, part in parts.items() if part.__class__ is RowByRule or sum_by_rule(part)}
-        ordinary = {index: part for index, part in parts.items() if index not in by_rule}
-        held = {index: expressions_of(part) for index, part in ordinary.items()}
-        return cls(len(parts), {index: expressions for index, expressions in held.items() if expressions})
+        held = {index: expressions for index, part in parts.items() if (expressions := _stated_in(part))}
+        return cls(len(parts), held)
+
+    def with_part(self, index: Any, part: Any) -> Stated:
+        """With another part, as that is now; the others as they were."""
+        return Stated(self.parts + 1, {**self.expressions, index: _stated_in(part)})
+
+
+def _stated_in(part: Any) -> list[Any]:
+    """The expressions in a part; none of one that follows a rule."""
+    is_by_rule = part.__class__ is RowByRule or sum_by_rule(part) is not None
+    return [] if is_by_rule else expressions_of(part)
 
 
 @dataclass
@@ -273,7 +281,8 @@ def hand_out(block: Any, name: str, entries: list[Any], entry: Any, expression: 
         put_arguments(members[len(entries)], SumByRule(expression, members[len(entries)]))
     else:
         members[len(entries)] = expression
-    note_stated(block, [name])
+    # What the user has changed of the others stays a change.
+    block.record.made[name] = block.record.made[name].with_part(len(entries), members[len(entries)])
     return members[len(entries)]
 
 

@@ -179,7 +179,6 @@ class Terms:
         self._kinds = NodeKinds()
         self.groups = TermGroups(columns, self._kinds, self._content)
         self._terms: list[tuple[NonlinearTerm, list[int], list[float], dict[int, list[int]]]] = []
-        self._sums: list[tuple[RepeatedSum, float]] = []  # that follow a rule, as far as they were met and not added
 
     def add(self, row: int, expression: Any, scale: float = 1.0, keep_constant: bool = False) -> bool:
         """Add ``scale * expression`` to a row, in linear terms as far as possible.
@@ -191,13 +190,13 @@ class Terms:
         """
         columns: list[int] = []
         coefficients: list[float] = []
-        constant, parts = self._split(expression, scale, columns, coefficients)
+        by_rule: list[tuple[RepeatedSum, float]] = []
+        constant, parts = self._split(expression, scale, columns, coefficients, by_rule)
         sums = []
-        for repeated, factor in self._sums:
+        for repeated, factor in by_rule:
             self.columns.add_by_rows([repeated._replace(rows=list(range(len(repeated.rows))))])  # as a walk meets them
             scales = [factor * scale for scale in repeated.scales]
             sums.append((repeated._replace(scales=scales), self.columns.table(repeated)))
-        self._sums.clear()
         variable = any(column >= 0 for column in columns) or any(map(self._has_variable, parts))
         variable = variable or any((table >= 0).any() for _, table in sums)
         if not (variable or keep_constant):
@@ -244,9 +243,14 @@ class Terms:
         return any(self.columns.of(leaf) >= 0 for leaf in leaves)
 
     def _split(
-        self, expression: Any, scale: float, columns: list[int], coefficients: list[float]
+        self,
+        expression: Any,
+        scale: float,
+        columns: list[int],
+        coefficients: list[float],
+        sums: list[tuple[RepeatedSum, float]] | None = None,
     ) -> tuple[float, list[NonlinearTerm]]:
-        """Take linear terms out; return the constant and the nonlinear terms."""
+        """Take linear terms out, and sums that follow a rule where asked for; return the constant and other terms."""
         kinds, column_of = self._kinds, self.columns.column_of
         constant = 0.0
         parts: list[NonlinearTerm] = []
@@ -278,9 +282,9 @@ class Terms:
                     parts.append(_product(factors, node, scale))
             elif kind == DIVISION and kinds[node.args[1].__class__] == CONSTANT and node.args[1]:
                 pending.append((node.args[0], scale / float(node.args[1]), factors))
-            elif kind == NAMED and not factors and (by_rule := sum_by_rule(node)) is not None:
+            elif kind == NAMED and sums is not None and not factors and (by_rule := sum_by_rule(node)) is not None:
                 self.named_expressions[id(node)] = node
-                self._sums.append((by_rule.repeated(), scale))
+                sums.append((by_rule.repeated(), scale))
             elif kind == NAMED:
                 pending.append((self._content(node), scale, factors))
             elif kind == CONSTANT and not factors:

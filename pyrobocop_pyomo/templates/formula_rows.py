@@ -54,12 +54,10 @@ class FormulaRows(RowRule):
         for label, positions in by_label(range(len(indices)), lambda i: self.parts(indices[i])[1]).items():
             of_label = [indices[position] for position in positions]
             times = [self.parts(index)[0] for index in of_label]
-            variables = []
-            for slot in slots[label]:
-                key = (slot, *times)
-                if key not in read:
-                    read[key] = slot.at_all(block, times)
-                variables.append(read[key])
+            moments = tuple(times)
+            keys = [(slot, moments) for slot in slots[label]]
+            read |= {key: key[0].at_all(block, times) for key in keys if key not in read}
+            variables = [read[key] for key in keys]
             found.append(RepeatedSum(positions, [1.0] * len(times), variables, partial(self._body_at, block, of_label)))
         return found
 

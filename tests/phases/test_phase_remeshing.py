@@ -394,6 +394,11 @@ def _changed_integral(m: Any) -> None:
     m.body.stated_integrals[2].set_value(m.body.culprit[m.body.points.last()])
 
 
+def _integral_changed_before_the_last(m: Any) -> None:
+    _changed_integral(m)
+    m.another = pyo.Expression(expr=m.body.integral(lambda b, t: b.culprit[t] ** 2))
+
+
 KEEPS: dict[str, Callable[[Any], Any]] = {
     "a row": lambda m: m.add_component("culprit", pyo.Constraint(expr=m.body.u[m.body.points.first()] <= 1)),
     "data": lambda m: m.add_component("culprit", pyo.Param(m.body.points, initialize=lambda m, t: 1 + t, mutable=True)),
@@ -408,6 +413,7 @@ KEEPS: dict[str, Callable[[Any], Any]] = {
     "bounds that jump": lambda m: m.body.declare("culprit", rcp.Control(bounds=lambda t: (0, 1 if t < 0.3 else 2))),
     "a changed row": _changed_row,
     "a changed integral": _changed_integral,
+    "a changed integral before another": _integral_changed_before_the_last,
 }
 
 
